@@ -24,7 +24,7 @@ from nsaid_mj.lab.evaluation.summary import summary_of
 from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
-from nsaid_mj.plans.studies.montecarlo import Course, identify, simulate
+from nsaid_mj.plans.studies.montecarlo import DrawnMotion, identify, simulate
 from nsaid_mj.plans.studies.study import seed_of
 from nsaid_mj.robots.assets import scenarios
 
@@ -102,7 +102,7 @@ def worst(name: str, scenario: Scenario, seeds: range | list[int], typical: bool
     return [f"`{name}`", sizes, f"{scenario.duration:g} s", *figures, coverage, f"{speed:.0f} ×"]
 
 
-def course(scenario: Scenario) -> Course:
+def course(scenario: Scenario) -> DrawnMotion:
     """A scenario's motion, with a driver based on its own prior."""
     with ThreadPoolExecutor(1) as pool:
         (found,) = simulate([scenario], pool)

@@ -9,7 +9,7 @@ from nsaid_mj.lab.plants.conversion import (
     Array,
     Blueprint,
     Positive,
-    Table,
+    SheetTable,
     VehicleSheet,
     guessed,
     hidden,
@@ -21,7 +21,7 @@ from nsaid_mj.lab.plants.conversion import (
 )
 
 
-class Guess(Table):
+class Guess(SheetTable):
     """An engineer's guesses before any measurement."""
 
     off_centre: Positive = one("distance of the centre of mass from the middle, of the wheelbase")

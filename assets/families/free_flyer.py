@@ -8,13 +8,13 @@ from pydantic import Field, model_validator
 from nsaid_mj.lab.plants.conversion import (
     NED,
     Blueprint,
+    BodyInertia,
     Guess,
-    Inertia,
     Number,
     Operation,
     Place,
     Positive,
-    Table,
+    SheetTable,
     VehicleSheet,
     actuators,
     check_directions,
@@ -33,7 +33,7 @@ class FlyerGuess(Guess):
     inertia: list[Positive] = several(3, "three numbers > 0 [kg·m²]")
 
 
-class Nozzles(Table):
+class Nozzles(SheetTable):
     """The nozzles of one propulsion module; the other module has x and y negated."""
 
     positions: list[Place] = Field(min_length=1, description="three numbers for each [inch]")
@@ -80,7 +80,7 @@ class FreeFlyerSheet(VehicleSheet):
         guess, nozzles = self.guess, {"point": positions, "direction": directions}
         return Blueprint(
             inertial_block(guess.mass, guess.offset, np.array(guess.inertia)),
-            Inertia(self.mass, NED * self.centre, np.diag(self.inertia)).matrix(),
+            BodyInertia(self.mass, NED * self.centre, np.diag(self.inertia)).matrix(),
             [actuators("nozzle", "nozzle", "thrust of nozzle", thrust, **nozzles)],
             Operation.within(guess.speed, np.ones(len(thrust)), 0.0, reach=1.0),
             size=self.size,

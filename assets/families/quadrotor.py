@@ -9,16 +9,16 @@ from nsaid_mj.lab.plants.conversion import (
     GRAVITY,
     Array,
     Blueprint,
+    BodyInertia,
     Column,
     Fluid,
     Guess,
-    Inertia,
     InvalidInput,
     NotNegative,
     Number,
     Operation,
     Positive,
-    Table,
+    SheetTable,
     VehicleSheet,
     check_inertia,
     guessed,
@@ -41,7 +41,7 @@ _UP = (0.0, 0.0, 1.0)
 _Place = Annotated[list[Number], Field(min_length=2, max_length=2)]
 
 
-class Rotors(Table):
+class Rotors(SheetTable):
     """Four equal rotors with thrust along z."""
 
     arm: Positive = one("distance of a rotor from the origin, a number > 0 [m]")
@@ -112,7 +112,7 @@ class QuadrotorSheet(VehicleSheet):
         thrust, torque = rotors.thrust * top**2, rotors.torque * top**2
         return Blueprint(
             inertial_block(body[0], guess.offset, body[1:]),
-            Inertia(self.mass, np.zeros(3), np.diag(self.inertia)).matrix(),
+            BodyInertia(self.mass, np.zeros(3), np.diag(self.inertia)).matrix(),
             [
                 term(inflow, {"lift": "translational lift"}, rotors.lift, guess.lift),
                 term(drag, of_drag, top * np.array(rotors.drag)),
@@ -135,4 +135,4 @@ class QuadrotorSheet(VehicleSheet):
         mass, moments = float(hidden(self.mass, spread, rng)), np.array(self.inertia)
         centre = np.array(self.centre_of_mass) * rng.uniform(-1, 1, 3)
         second = hidden(moments.sum() / 2 - moments, spread, rng)
-        return Inertia(mass, centre, np.diag(second.sum() - second)).matrix()
+        return BodyInertia(mass, centre, np.diag(second.sum() - second)).matrix()

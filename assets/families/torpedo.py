@@ -18,7 +18,7 @@ from nsaid_mj.lab.plants.conversion import (
     Operation,
     Positive,
     Share,
-    Table,
+    SheetTable,
     Term,
     VehicleSheet,
     actuators,
@@ -68,7 +68,7 @@ _INERTIA = (
 """Name, unit and label of these θ_l, and a place in M for the guess."""
 
 
-class AddedMass(Table):
+class AddedMass(SheetTable):
     """Added-mass derivatives, with their published signs."""
 
     X_udot: Negative = one("a number < 0 [kg]")
@@ -78,7 +78,7 @@ class AddedMass(Table):
     Y_rdot: Number = one("a number that is not 0 [kg·m]")
 
 
-class Drag(Table):
+class Drag(SheetTable):
     """Quadratic drag derivatives, with their published signs."""
 
     coefficient: Positive = one("a coefficient > 0 on the frontal area")
@@ -88,14 +88,14 @@ class Drag(Table):
     M_qq: Negative = one("a number < 0 [N·m·s²]")
 
 
-class Lift(Table):
+class Lift(SheetTable):
     """Lift derivatives of body and fins together."""
 
     Y_uv: Number = one("a number [N·s²/m²]")
     M_uw: Number = one("a number [N·s²/m]")
 
 
-class Fins(Table):
+class Fins(SheetTable):
     """Four fins, with coefficients published per pair."""
 
     Y_uudr: Positive = one("a number > 0 [N·s²/m² for each rad]")
@@ -105,7 +105,7 @@ class Fins(Table):
     limit: float = Field(gt=0, lt=1.5, description="a deflection in (0, 1.5) [rad]")
 
 
-class Propeller(Table):
+class Propeller(SheetTable):
     """The propeller and its thrust coefficients."""
 
     diameter: Positive = one("a number > 0 [m]")

@@ -18,7 +18,7 @@ from nsaid_mj.lab.plants.conversion import (
     Operation,
     Place,
     Positive,
-    Table,
+    SheetTable,
     VehicleSheet,
     actuators,
     check_directions,
@@ -49,7 +49,7 @@ class UnderwaterGuess(Guess):
     linear_drag: list[Positive] = several(6, "six numbers > 0 [N·s/m, N·m·s/rad]")
 
 
-class Ring(Table):
+class Ring(SheetTable):
     """Copies of one thruster, each turned about z: Rz(angle)·position, Rz(turn)·direction."""
 
     position: list[Number] = several(3, "three numbers [m]")
@@ -58,7 +58,7 @@ class Ring(Table):
     turns: list[Number] = Field(min_length=1, description="one angle for each thruster [rad]")
 
 
-class Thrusters(Table):
+class Thrusters(SheetTable):
     """Thrusters listed one by one, in rings, or both; all have the same command curve."""
 
     curve: list[Number] = Field(

@@ -138,7 +138,7 @@ def _command(arguments: Sequence[str]) -> int:
         from ..lab import verify_folder
 
         return _judged(chosen.run.name, verify_folder(chosen.run), chosen.json, chosen.quiet)
-    if isinstance(chosen, grammar.View):
+    if isinstance(chosen, grammar.ViewOptions):
         return _view(chosen.run, chosen.web, chosen.rebuild)
     if isinstance(chosen, grammar.List):
         return _list()
@@ -187,7 +187,7 @@ def _judged(name: str, found: Verification, as_json: bool, quiet: bool) -> int:
 
 def _carry_out(
     name: str, default: Scenario, arguments: Sequence[str], asked: str
-) -> tuple[str, Run, RunResult, grammar.Run]:
+) -> tuple[str, Run, RunResult, grammar.RunOptions]:
     """Runs and post-processes a scenario; returns its title, run, result and output options."""
     from .checks import check_excitation, check_plant, without_excitation
     from .folders import folder_for, title_of

@@ -196,7 +196,7 @@ class List:
 
 
 @dataclass(frozen=True)
-class Run:
+class RunOptions:
     """Run a scenario by name or file.
 
     The scenario's fields are flags too: `nsaid run NAME --help` lists them all.
@@ -238,7 +238,7 @@ class Verify:
 
 
 @dataclass(frozen=True)
-class View:
+class ViewOptions:
     """Open a run's recording in the Rerun viewer.
 
     Attributes:
@@ -258,14 +258,14 @@ COMMANDS: dict[str, type] = {
     "live": Live,
     "inspect": Inspect,
     "excite": Excite,
-    "run": Run,
+    "run": RunOptions,
     "verify": Verify,
     "compare": Compare,
     "sweep": Sweep,
     "montecarlo": MonteCarlo,
     "track": Track,
     "report": Report,
-    "view": View,
+    "view": ViewOptions,
 }
 """The options of every command, by its name."""
 

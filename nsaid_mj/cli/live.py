@@ -15,7 +15,7 @@ from .grammar import Live
 from .process import code_of
 
 if TYPE_CHECKING:
-    from ..clinic import Estimate
+    from ..clinic import LiveEstimate
     from ..lab import Observer
 
 _SHOWN = 1.0  # time between two printed estimates [s]
@@ -70,12 +70,12 @@ def follow_robot(chosen: Live) -> int:
     return code_of(result)
 
 
-def _send(estimate: Estimate) -> None:
+def _send(estimate: LiveEstimate) -> None:
     sys.stdout.buffer.write(estimate.line())
     sys.stdout.buffer.flush()
 
 
-def _print(estimate: Estimate) -> None:
+def _print(estimate: LiveEstimate) -> None:
     from ..core import number
     from ..report import estimate as written
 

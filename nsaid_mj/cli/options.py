@@ -21,7 +21,7 @@ from ..lab import (
     same_end,
     with_fields,
 )
-from .grammar import Run
+from .grammar import RunOptions
 
 MAIN = {
     "identifier.law": "law",
@@ -46,7 +46,7 @@ def parse(
     default: Scenario,
     arguments: Sequence[str],
     command: str = "run",
-    options: type[_Options] = Run,
+    options: type[_Options] = RunOptions,
 ) -> tuple[Scenario, _Options]:
     """Parses the part of a command line that follows a scenario's name.
 
@@ -67,7 +67,7 @@ def parse(
         form,
         prog=f"nsaid {command} {name}",
         description=f"Flags of `nsaid {command} {name}`; the defaults are those of the scenario."
-        + (_EXCITATION if options is Run else ""),
+        + (_EXCITATION if options is RunOptions else ""),
         args=[_spelled(argument, paths, main, own) for argument in arguments],
         config=(tyro.conf.AvoidSubcommands,),
         registry=REGISTRY,
@@ -121,7 +121,7 @@ def _head(default: Scenario, main: Mapping[str, str], options: type) -> list[_Fi
         for f in _fields(options)
     ]
     head = [_flag(default, path, flag) for path, flag in main.items()]
-    if options is not Run:
+    if options is not RunOptions:
         return own + head
     place = {name: i for i, name in enumerate(_ORDER)}
     return sorted(own + head, key=lambda item: place.get(item[0], len(place)))

@@ -9,6 +9,10 @@ The names that other houses may use are in `__init__.pyi`; each is imported on f
 The names that other houses may use are in `__init__.pyi`; each is imported on first use.
 
 The names that other houses may use are in `__init__.pyi`; each is imported on first use.
+
+The names that other houses may use are in `__init__.pyi`; each is imported on first use.
+
+The names that other houses may use are in `__init__.pyi`; each is imported on first use.
 """
 
 import lazy_loader

@@ -118,7 +118,7 @@ from .servos.page import scores_page as scores_page
 from .servos.page import servo_page as servo_page
 
 # The estimate at a sample.
-from .session import Estimate as Estimate
+from .session import LiveEstimate as LiveEstimate
 
 # A live identification before its first sample.
 from .session import Session as Session

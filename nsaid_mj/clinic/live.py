@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from ..base import BadRun, InvalidInput
 from .identify.measured import LiveRobot, measured_scenario
 from .logs.stream import sample_of
-from .session import Estimate, Session
+from .session import LiveEstimate, Session
 
 _START = "from nsaid_mj.cli.commands import run_from_shell; run_from_shell()"
 _REMEDY = "See the message above; what was recorded is in the folder."
@@ -90,7 +90,7 @@ class LiveIdentifier:
         self._system = session.robot.system
         self._flags, self._unsent, self._unread = flags, bytearray(), b""
         self._process: subprocess.Popen[bytes] | None = None
-        self.estimate: Estimate | None = None
+        self.estimate: LiveEstimate | None = None
         self.folder: Path | None = None
         self.summary: dict[str, Any] = {}
 
@@ -124,7 +124,7 @@ class LiveIdentifier:
         assert self._process is not None
         return self._process.pid
 
-    def update(self, t: float, q: ArrayLike, v: ArrayLike, u: ArrayLike) -> Estimate | None:
+    def update(self, t: float, q: ArrayLike, v: ArrayLike, u: ArrayLike) -> LiveEstimate | None:
         """Passes on a sample, and returns the newest estimate without waiting.
 
         It is usually that of the sample before; `estimate.t` is the time of its sample. A sample
@@ -150,7 +150,7 @@ class LiveIdentifier:
             self._check()
         return self.estimate
 
-    def wait(self, samples: int, timeout: float = 60.0) -> Estimate | None:
+    def wait(self, samples: int, timeout: float = 60.0) -> LiveEstimate | None:
         """Waits until the law has used so many samples, `timeout` [s] at most.
 
         Returns the newest estimate.
@@ -219,7 +219,7 @@ class LiveIdentifier:
     def _take(self, found: dict[str, Any]) -> None:
         """Processes a line from the law's process."""
         if "theta" in found:
-            self.estimate = Estimate.of_line(found, self._system.space)
+            self.estimate = LiveEstimate.of_line(found, self._system.space)
         elif "summary" in found:
             self.summary = found["summary"]
         else:

@@ -15,12 +15,12 @@ import orjson
 
 from ..base import single_threaded
 from ..core import Array, Identifier, Log, Measurement, ParameterSpace, State
-from ..lab import INTERVAL, Observer, Robot, Run, RunningMisfit, Scenario, followed
+from ..lab import INTERVAL, Observer, RobotDescription, Run, RunningMisfit, Scenario, followed
 from .identify.measured import MeasuredRobot, identifiers_of
 from .logs.stream import Cleaner, Counts, Stream
 
 
-class Gain(NamedTuple):
+class LiveGain(NamedTuple):
     """An actuator's parameter, with the 95 % interval of its ratio to the mean of all.
 
     No motion reveals the common scale of θ, so the interval takes the mean as exact.
@@ -42,7 +42,7 @@ class Gain(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Estimate:
+class LiveEstimate:
     """The estimate at a sample.
 
     Attributes:
@@ -62,7 +62,7 @@ class Estimate:
     names: tuple[str, ...]
     units: tuple[str, ...]
     theta_hat: Array
-    gains: tuple[Gain, ...]
+    gains: tuple[LiveGain, ...]
     misfit: str
     faults: tuple[str, ...]
 
@@ -74,10 +74,10 @@ class Estimate:
         return orjson.dumps(found, option=orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_APPEND_NEWLINE)
 
     @staticmethod
-    def of_line(found: dict[str, Any], space: ParameterSpace) -> Estimate:
+    def of_line(found: dict[str, Any], space: ParameterSpace) -> LiveEstimate:
         """The estimate of such a line."""
         gains = (
-            Gain(
+            LiveGain(
                 space.names[k],
                 space.units[k],
                 value,
@@ -86,7 +86,7 @@ class Estimate:
             )
             for k, (value, low, high) in zip(space.actuators, found["gains"], strict=True)
         )
-        return Estimate(
+        return LiveEstimate(
             found["t"],
             found["samples"],
             tuple(space.names),
@@ -103,7 +103,7 @@ _WARM = 2.0  # duration of the warm-up motion [s], and its least number of sampl
 _LEAST = 60
 
 
-class Estimates(Observer):
+class EstimateStream(Observer):
     """Passes on the estimate while a stream is followed.
 
     `show` receives it at intervals of `every` [s], 0 for one after all new samples; `misfit` judges
@@ -115,7 +115,7 @@ class Estimates(Observer):
         identifier: Identifier,
         misfit: RunningMisfit,
         counts: Counts,
-        show: Callable[[Estimate], None],
+        show: Callable[[LiveEstimate], None],
         every: float,
     ):
         self._misfit = misfit
@@ -127,7 +127,7 @@ class Estimates(Observer):
         self._next = self._stated = -np.inf
         self._deviation = np.full(len(self._space.actuators), np.inf)
 
-    def start(self, scenario: Scenario, robot: Robot, first: Measurement) -> None:
+    def start(self, scenario: Scenario, robot: RobotDescription, first: Measurement) -> None:
         """Does nothing: there is no estimate yet."""
 
     def see(self, log: Log, states: dict[str, State], levels: tuple[float, float]) -> None:
@@ -147,9 +147,11 @@ class Estimates(Observer):
         for k, spread in zip(space.actuators, self._deviation, strict=True):
             value = float(theta[k])
             half = INTERVAL * abs(value) * float(spread) if np.isfinite(spread) else np.inf
-            gains.append(Gain(space.names[k], space.units[k], value, value - half, value + half))
+            gains.append(
+                LiveGain(space.names[k], space.units[k], value, value - half, value + half)
+            )
         self._show(
-            Estimate(
+            LiveEstimate(
                 state.t,
                 self._counts.used,
                 tuple(space.names),
@@ -208,7 +210,7 @@ class Session:
         self,
         lines: BinaryIO | socket.socket,
         folder: Path,
-        show: Callable[[Estimate], None],
+        show: Callable[[LiveEstimate], None],
         every: float = 0.0,
         observers: Sequence[Observer] = (),
     ) -> Run:
@@ -225,7 +227,7 @@ class Session:
         counts = self.cleaner.counts
         source = Stream(self.robot.system, self.cleaner, lines)
         misfit = RunningMisfit(self.scenario, own, self.robot.prior)
-        watchers = (Estimates(own, misfit, counts, show, every), *observers)
+        watchers = (EstimateStream(own, misfit, counts, show, every), *observers)
         run = followed(self.scenario, self.robot, source, self.identifiers, folder, watchers)
         run.stream = asdict(counts)
         return run

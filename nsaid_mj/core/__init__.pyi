@@ -122,20 +122,8 @@ from .nullspace.subspace import split as split
 # P_s(θ) over all motions, from random states with the acceleration v̇ of (20) under θ.
 from .nullspace.subspace import structural as structural
 
-# TODO
-from .numerics.kernels import INLINE as INLINE
-
-# TODO
-from .numerics.kernels import boolean as boolean
-
-# TODO
-from .numerics.kernels import f8 as f8
-
 # Marks a small function that becomes part of the compiled functions that call it.
 from .numerics.kernels import helper as helper
-
-# TODO
-from .numerics.kernels import i8 as i8
 
 # Marks a function that Python calls, or several compiled ones; see `Kernel`.
 from .numerics.kernels import kernel as kernel
@@ -143,20 +131,8 @@ from .numerics.kernels import kernel as kernel
 # A kernel with a function's text, in which some global names have the meanings for a class.
 from .numerics.kernels import kernel_for as kernel_for
 
-# TODO
-from .numerics.kernels import matrix as matrix
-
 # Marks a larger function, which need not become part of every function that calls it.
 from .numerics.kernels import routine as routine
-
-# TODO
-from .numerics.kernels import table as table
-
-# TODO
-from .numerics.kernels import vector as vector
-
-# TODO
-from .numerics.kernels import void as void
 
 # Writes the numbers of an array (k,) into another: faster than a slice where k is small.
 from .numerics.linalg import copy_into as copy_into

@@ -3,11 +3,11 @@
 # The methods that need only a `Problem`, by name.
 from .baselines import BATCH as BATCH
 
-# The result of a method.
-from .baselines.base import Estimate as Estimate
-
 # A method raises an `NsaidError` if it finds no estimate.
 from .baselines.base import Method as Method
+
+# The result of a method.
+from .baselines.base import MethodEstimate as MethodEstimate
 
 # The information that a method gets.
 from .baselines.base import Problem as Problem
@@ -114,14 +114,14 @@ from .evaluation.verify import verify_folder as verify_folder
 # Interval between two checks of the conserved quantity [s].
 from .following import CHECK as CHECK
 
-# Computing times of a run. Only `compile` includes the compilation of kernels.
-from .following import Cost as Cost
-
 # How a run ended, or its state so far, at a simulated time [s].
 from .following import Ending as Ending
 
 # An identifier and its state along a log, whose first measurement initializes it.
 from .following import Following as Following
+
+# Computing times of a run. Only `compile` includes the compilation of kernels.
+from .following import RunTimes as RunTimes
 
 # The rows of a segment after which the conserved quantity is checked.
 from .following import due_rows as due_rows
@@ -137,9 +137,6 @@ from .library import script_error as script_error
 
 # Streams a run into a viewer window, or to a browser if there is no display.
 from .live_recording import LiveRecording as LiveRecording
-
-# TODO
-from .loop import Robot as Robot
 
 # A finished run: measurements and estimates, without any true value.
 from .loop import Run as Run
@@ -158,6 +155,9 @@ from .loop import run as run
 
 # Callbacks during a run, for a progress bar or a live viewer.
 from .observer import Observer as Observer
+
+# The structure, prior and meshes of a robot, without true values.
+from .observer import RobotDescription as RobotDescription
 
 # A link's size [m]: its radius of gyration about the joint.
 from .plants.arm import extent as extent
@@ -279,11 +279,11 @@ from .source import LONGEST_STEP as LONGEST_STEP
 # Recorded logs, one after another, with gaps between them.
 from .source import Logs as Logs
 
-# Consecutive measurements from a source.
-from .source import Segment as Segment
-
 # Provides the measurements of a run, segment by segment.
 from .source import Source as Source
+
+# Consecutive measurements from a source.
+from .source import SourceSegment as SourceSegment
 
 # Status and signal of a plant that diverged or a measurement that is not finite, else None.
 from .source import ended as ended

@@ -22,10 +22,10 @@ from ..core import (
     State,
     Status,
 )
-from .observer import Observer, Robot
+from .observer import Observer, RobotDescription
 from .record import BATCH_SECONDS, RecordWriter
 from .scenario import Scenario
-from .source import Segment, Source
+from .source import Source, SourceSegment
 
 FAULTS = "faults.json"
 """The faults found so far, rewritten whenever there is a new one."""
@@ -126,7 +126,7 @@ class Ending:
 
 
 @dataclass
-class Cost:
+class RunTimes:
     """Computing times of a run. Only `compile` includes the compilation of kernels."""
 
     wall: float = 0.0  # wall time of the whole loop [s], in which plant and identifiers may overlap
@@ -146,7 +146,7 @@ class Loop:
     """The loop of a run: for each segment, the robot moves and the identifiers follow."""
 
     scenario: Scenario
-    robot: Robot
+    robot: RobotDescription
     source: Source
     identifiers: dict[str, Identifier]
     monitor: PersistenceMonitor
@@ -155,7 +155,7 @@ class Loop:
     folder: Path
     following: dict[str, Following] = field(default_factory=dict)
     ending: Ending = field(default_factory=Ending)
-    cost: Cost = field(default_factory=Cost)
+    cost: RunTimes = field(default_factory=RunTimes)
     stopped: bool = False
     faults: tuple[FaultEvent, ...] = ()
 
@@ -197,7 +197,7 @@ class Loop:
             if self.stopped and self.ending.status is Status.completed:
                 self._end(source.stopped, "", self.ending.time)
 
-    def _absorb(self, k: int, segment: Segment) -> tuple[int, Log]:
+    def _absorb(self, k: int, segment: SourceSegment) -> tuple[int, Log]:
         """Follows and records a segment after measurement k; returns the last one's number."""
         log = segment.log
         if segment.end and segment.end[0] is not Status.completed:

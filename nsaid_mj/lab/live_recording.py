@@ -32,7 +32,8 @@ from ..report import (
     serving,
     velocity_names,
 )
-from . import Observer, Robot, Scenario
+from .observer import Observer, RobotDescription
+from .scenario import Scenario
 
 _PERIOD = 0.05  # between two updates, in simulated time and in wall time [s]
 _SHARE = 10  # poses are logged at intervals of at least ten times the time that logging takes
@@ -66,7 +67,7 @@ class LiveRecording(Observer):
         self._next = self._next_pose = -np.inf
         self._arrows: Arrows | None = None
 
-    def start(self, scenario: Scenario, robot: Robot, first: Measurement) -> None:
+    def start(self, scenario: Scenario, robot: RobotDescription, first: Measurement) -> None:
         """Starts the viewer and shows the robot."""
         try:
             self._start(robot, first)
@@ -110,7 +111,7 @@ class LiveRecording(Observer):
         finally:
             self._end_server()
 
-    def _start(self, robot: Robot, first: Measurement) -> None:
+    def _start(self, robot: RobotDescription, first: Measurement) -> None:
         system = robot.system
         self._space, self._scene = system.space, Scene(system, robot.looks)
         self._groups = groups(self._space)

@@ -26,7 +26,8 @@ from ..core import (
     structural,
 )
 from ..robots import Looks
-from .following import FAULTS, Cost, Ending, Loop, Observer, Robot, segment_steps
+from .following import FAULTS, Ending, Loop, RunTimes, segment_steps
+from .observer import Observer, RobotDescription
 from .plants.world.plant import Plant
 from .record import PROFILED, RECORD_FILE, TARGET_DELAYS, Record, RecordWriter
 from .scenario import Scenario
@@ -65,7 +66,7 @@ class Run:
     identifiers: dict[str, Identifier]
     statuses: dict[str, Status]
     ending: Ending
-    cost: Cost
+    cost: RunTimes
     states: dict[str, State] = field(default_factory=dict)
     looks: Looks | None = None
     stream: dict[str, int] = field(default_factory=dict)
@@ -121,7 +122,7 @@ def run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun:
         setup = Setup.of(scenario)
         moved = setup.plant, setup.driver(), setup.sensors()
         source = Simulation(*moved, scenario.dt, scenario.steps)
-        robot = Robot(setup.system, setup.prior, setup.plant)
+        robot = RobotDescription(setup.system, setup.prior, setup.plant)
         metadata: dict[str, Any] = {}
         if setup.plant.targets:
             late = setup.plant.late
@@ -135,7 +136,7 @@ def run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun:
 
 def followed(
     scenario: Scenario,
-    robot: Robot,
+    robot: RobotDescription,
     source: Source,
     identifiers: dict[str, Identifier],
     folder: Path,
@@ -255,7 +256,7 @@ def reopen(folder: Path, record: Record) -> Run:
         identifiers=identifiers,
         statuses=dict.fromkeys(identifiers, Status.completed),
         ending=Ending(Status.completed if whole else Status.interrupted, end),
-        cost=Cost(),
+        cost=RunTimes(),
         looks=setup.plant,
         setup=setup,
     )

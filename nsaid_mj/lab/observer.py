@@ -10,10 +10,10 @@ import numpy as np
 if TYPE_CHECKING:
     from ..core import Array, Log, Measurement, SecondOrderSystem, State
     from ..robots import Looks
-    from . import Scenario
+    from .scenario import Scenario
 
 
-class Robot(NamedTuple):
+class RobotDescription(NamedTuple):
     """The structure, prior and meshes of a robot, without true values."""
 
     system: SecondOrderSystem
@@ -31,7 +31,7 @@ class Observer(ABC):
     period: float = np.inf
 
     @abstractmethod
-    def start(self, scenario: Scenario, robot: Robot, first: Measurement) -> None:
+    def start(self, scenario: Scenario, robot: RobotDescription, first: Measurement) -> None:
         """Called at the first measurement."""
 
     @abstractmethod

@@ -29,7 +29,8 @@ from .evaluation.summary import SUMMARY_FILE as SUMMARY
 from .evaluation.summary import result_from, summary_of
 from .evaluation.truth import truth_of
 from .evaluation.verify import ROWS, verify
-from .loop import Cost, Ending, Run, reopen
+from .following import RunTimes
+from .loop import Ending, Run, reopen
 from .progress import Progress
 from .record import Record
 
@@ -164,7 +165,7 @@ def _recall(run: Run, earlier: RunResult) -> None:
     steps = round(float(run.record["t"][-1]) / run.scenario.dt)
     plant = 1e-6 * cost.plant_us_per_step * steps
     identifier = 1e-6 * cost.identifier_us_per_step * steps
-    run.cost = Cost(cost.wall_s, plant, identifier, steps, cost.compile_s)
+    run.cost = RunTimes(cost.wall_s, plant, identifier, steps, cost.compile_s)
 
 
 def _status(run: Run, words: str) -> Status:

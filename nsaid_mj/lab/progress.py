@@ -20,11 +20,11 @@ from rich.progress import (
 from rich.progress import Progress as Bar
 
 from ..base import clock, on_compiling
-from .observer import Observer, Robot
+from .observer import Observer, RobotDescription
 
 if TYPE_CHECKING:
     from ..core import Log, Measurement, SecondOrderSystem, State
-    from . import Scenario
+    from .scenario import Scenario
 
 COMPILING = "compiling, once (half a minute)"
 _STEP = 1e-4  # of plant, identifier and persistence levels, roughly [s]
@@ -96,7 +96,7 @@ class Progress(Observer):
             self._told = time.monotonic()
             self._console.print(f"{self._name}: {words}", highlight=False)
 
-    def start(self, scenario: Scenario, robot: Robot, first: Measurement) -> None:
+    def start(self, scenario: Scenario, robot: RobotDescription, first: Measurement) -> None:
         """Shows an empty bar, and announces the cost of a long run."""
         if words := cost_of(scenario, robot.system):
             self._console.print(f"{self._name}: {words}", highlight=False, markup=False)
@@ -131,7 +131,7 @@ class Progress(Observer):
 
 def cost_of(scenario: Scenario, system: SecondOrderSystem) -> str:
     """The approximate cost of a run of an hour or more, or of a large record; "" for others."""
-    from . import columns
+    from .loop import columns
 
     hours = scenario.steps * _STEP * (1 + len(scenario.rivals)) / 3600
     widths = columns(system, scenario).values()

@@ -18,7 +18,7 @@ LONGEST_STEP = 1.5
 """Interval between two samples, over the period, beyond which it is a gap."""
 
 
-class Segment(NamedTuple):
+class SourceSegment(NamedTuple):
     """Consecutive measurements from a source.
 
     Attributes:
@@ -49,11 +49,11 @@ class Source(ABC):
         """The context within which `begin` and `segment` may be called."""
 
     @abstractmethod
-    def begin(self) -> Segment:
+    def begin(self) -> SourceSegment:
         """The first measurement, as a log of one row."""
 
     @abstractmethod
-    def segment(self, last: Measurement, k: int, steps: int, theta_hat: Array) -> Segment:
+    def segment(self, last: Measurement, k: int, steps: int, theta_hat: Array) -> SourceSegment:
         """The measurements after the last one, which has number k: at most `steps`, or none yet.
 
         theta_hat (p,) is the main identifier's estimate at that measurement.
@@ -78,7 +78,7 @@ class Simulation(Source):
         self._sensors = sensors
         self._inform = informing_steps(driver, dt)
         self._steps = steps
-        self._next: Future[Segment] | None = None
+        self._next: Future[SourceSegment] | None = None
 
     @contextmanager
     def running(self) -> Iterator[None]:
@@ -86,12 +86,12 @@ class Simulation(Source):
         with self.plant.running(), ThreadPoolExecutor(1) as self._thread:
             yield
 
-    def begin(self) -> Segment:
+    def begin(self) -> SourceSegment:
         """The plant's first measurement."""
         self._next = None
         return self._sound(Log.unchecked_of([self.plant.begin(self._driver, self._sensors)]))
 
-    def segment(self, last: Measurement, k: int, steps: int, theta_hat: Array) -> Segment:
+    def segment(self, last: Measurement, k: int, steps: int, theta_hat: Array) -> SourceSegment:
         """Informs the driver if due; moves the plant, at most to its next request for that."""
         if k and self._informs(k) and isinstance(self._driver, InformedDriver):
             self._driver.inform(theta_hat)
@@ -110,14 +110,14 @@ class Simulation(Source):
     def _informs(self, k: int) -> bool:
         return k % self._inform == 0
 
-    def _simulate(self, last: Measurement, k: int, steps: int) -> Segment:
+    def _simulate(self, last: Measurement, k: int, steps: int) -> SourceSegment:
         begin = clock()
         steps = int(min(steps, self._inform - k % self._inform))
         found = self._sound(self.plant.drive(self._driver, last, steps, self._sensors))
         return found._replace(seconds=clock() - begin)
 
-    def _sound(self, log: Log) -> Segment:
-        return Segment(log, end=ended(self.plant, log.at(-1)))
+    def _sound(self, log: Log) -> SourceSegment:
+        return SourceSegment(log, end=ended(self.plant, log.at(-1)))
 
 
 class Logs(Source):
@@ -135,12 +135,12 @@ class Logs(Source):
         """Opens nothing."""
         return nullcontext()
 
-    def begin(self) -> Segment:
+    def begin(self) -> SourceSegment:
         """The first row."""
         self._log = self._row = 0
-        return Segment(self._logs[0].first(1))
+        return SourceSegment(self._logs[0].first(1))
 
-    def segment(self, last: Measurement, k: int, steps: int, theta_hat: Array) -> Segment:
+    def segment(self, last: Measurement, k: int, steps: int, theta_hat: Array) -> SourceSegment:
         """The next rows of a log, or the first ones of the next log."""
         resumed = self._row == len(self._logs[self._log].t) - 1
         if resumed:
@@ -151,7 +151,7 @@ class Logs(Source):
         self._row = min(first + steps - resumed, len(log.t) - 1)
         over = self._row == len(log.t) - 1 and self._log == len(self._logs) - 1
         end = (Status.completed, "") if over else None
-        return Segment(log.part(first, self._row + 1), resumed, end)
+        return SourceSegment(log.part(first, self._row + 1), resumed, end)
 
     def stop(self) -> None:
         """Does nothing: logs do not wait."""

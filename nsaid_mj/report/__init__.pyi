@@ -135,7 +135,7 @@ from .picture import robot_picture as robot_picture
 # Largest number of categories in a panel of ordinary width.
 from .plots import COLUMNS as COLUMNS
 
-# Prefix of the gid of a curve's artists, before its name; gid of an axis of names.
+# TODO
 from .plots import CURVE as CURVE
 
 # of a panel on a page, and of a wide one [inch]
@@ -261,7 +261,7 @@ from .recording.viewer import GRPC_PORT as GRPC_PORT
 # TODO
 from .recording.viewer import LOCAL as LOCAL
 
-# Rerun's defaults, used if they are free
+# TODO
 from .recording.viewer import WEB_PORT as WEB_PORT
 
 # A free port on the loopback interface: `wish` if it is free, else any other.

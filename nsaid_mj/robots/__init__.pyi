@@ -45,11 +45,11 @@ from .files import packed_vehicles as packed_vehicles
 # The file that describes a robot, by its path or name; `others` are further names to suggest.
 from .files import robot_file as robot_file
 
-# Shared parameters of two joints if the motor of one turns by v_i ± v_j.
-from .identified import Coupling as Coupling
-
 # Identified values of a tree of n joints, in SI units.
 from .identified import Identified as Identified
+
+# Shared parameters of two joints if the motor of one turns by v_i ± v_j.
+from .identified import SharedFriction as SharedFriction
 
 # A spring, counterweight or cable that pulls at a joint.
 from .identified import Spring as Spring

@@ -13,7 +13,7 @@ from .model import RobotModel
 from .tree import set_inertias
 
 
-class Coupling(NamedTuple):
+class SharedFriction(NamedTuple):
     """Shared parameters of two joints if the motor of one turns by v_i ± v_j."""
 
     joints: tuple[int, int]  # their indices
@@ -48,7 +48,7 @@ class Identified:
     notes: tuple[str, ...] = ()  # further remarks for readers of the exported files
     # couplings of joints that share a motor; a URDF cannot hold them. None keeps the tendons in the
     # model's own file
-    couplings: tuple[Coupling, ...] | None = ()
+    couplings: tuple[SharedFriction, ...] | None = ()
     # springs of joints; a URDF cannot hold them. Other joints keep those of an MJCF
     springs: tuple[Spring, ...] = ()
 

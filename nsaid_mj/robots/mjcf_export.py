@@ -15,7 +15,7 @@ from lxml.etree import _Element as Node
 
 from ..base import InvalidInput, pin, write_text
 from ..core import Array, bodies_of, body_names
-from .identified import Coupling, Identified, remarks
+from .identified import Identified, SharedFriction, remarks
 from .mjcf import initial_pose
 from .mjcf_file import (
     actuators_of_file,
@@ -99,7 +99,9 @@ def _calibrated(robot: RobotModel, values: Identified, folder: Path) -> tuple[No
     return root, remarks(robot, values, also)
 
 
-def _couple(root: Node, robot: RobotModel, coupling: Coupling, joints: dict[str, Node]) -> None:
+def _couple(
+    root: Node, robot: RobotModel, coupling: SharedFriction, joints: dict[str, Node]
+) -> None:
     """Adds tendons for what two joints share.
 
     A tendon of length q_i ± q_j with armature A adds A to both diagonal entries of the mass matrix,

@@ -113,7 +113,7 @@ def _shapes(
     return shapes_of_geometry(reduced(whole, found, locked, q)[1])
 
 
-def _configuration(model: pin.Model, followers: dict[str, Follower]) -> Array:
+def _configuration(model: pin.Model, followers: dict[str, MimicLaw]) -> Array:
     """(nq,) `home`, with mimic joints at their leaders' positions."""
     q = home(model)
     for name, follower in followers.items():
@@ -145,7 +145,7 @@ def _pinocchio(path: Path, xml: str, floats: bool) -> pin.Model:
         raise BadRobot(str(path), "", reason, _REMEDY) from error
 
 
-class Follower(NamedTuple):
+class MimicLaw(NamedTuple):
     """The law of a mimic joint: q = multiplier · q_leader + offset."""
 
     leader: str  # name of the joint that it follows
@@ -153,7 +153,7 @@ class Follower(NamedTuple):
     offset: float  # its position where the leader is at 0 [rad or m]
 
 
-def mimicking(path: Path, root: Element) -> dict[str, Follower]:
+def mimicking(path: Path, root: Element) -> dict[str, MimicLaw]:
     """The mimic joints of a URDF by name, leaders resolved along chains.
 
     A joint whose leader does not exist moves freely. `check_urdf` must have checked the numbers.
@@ -169,11 +169,11 @@ def mimicking(path: Path, root: Element) -> dict[str, Follower]:
             continue
         ratio = float(mimic.get("multiplier", "1"))
         offset = float(mimic.get("offset", "0"))
-        found[name] = Follower(mimic.get("joint", ""), ratio, offset)
+        found[name] = MimicLaw(mimic.get("joint", ""), ratio, offset)
     return {name: _resolved(path, found, name) for name in found}
 
 
-def weld(followers: dict[str, Follower], moving: set[str]) -> list[Finding]:
+def weld(followers: dict[str, MimicLaw], moving: set[str]) -> list[Finding]:
     """A warning about each moving joint that others follow."""
     findings = []
     for leader in dict.fromkeys(follower.leader for follower in followers.values()):
@@ -189,7 +189,7 @@ def weld(followers: dict[str, Follower], moving: set[str]) -> list[Finding]:
     return findings
 
 
-def _resolved(path: Path, followers: dict[str, Follower], name: str) -> Follower:
+def _resolved(path: Path, followers: dict[str, MimicLaw], name: str) -> MimicLaw:
     """A follower in terms of a leader that is not itself a follower."""
     found = followers[name]
     passed = {name}
@@ -200,7 +200,7 @@ def _resolved(path: Path, followers: dict[str, Follower], name: str) -> Follower
         passed.add(found.leader)
         leader, multiplier, offset = followers[found.leader]
         factor = found.multiplier
-        found = Follower(leader, factor * multiplier, factor * offset + found.offset)
+        found = MimicLaw(leader, factor * multiplier, factor * offset + found.offset)
     return found
 
 

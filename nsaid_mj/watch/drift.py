@@ -35,7 +35,7 @@ _WHITE = 1.1  # largest mean squared normalised innovation of gains that drift
 _BETTER = 3.0  # at which another variance is
 
 
-class Rival(NamedTuple):
+class DriftHypothesis(NamedTuple):
     """A filter with one model of θ(t); its tally holds the evidence."""
 
     filter: FilterState  # at the last sample
@@ -48,7 +48,7 @@ class Rival(NamedTuple):
         found = float(-0.5 * (self.filter.tally[2] + self.filter.tally[3]))
         return found if np.isfinite(found) else -np.inf
 
-    def followed(self, estimator: KalmanFilter, log: Log) -> Rival:
+    def followed(self, estimator: KalmanFilter, log: Log) -> DriftHypothesis:
         """The rival after a log, under the signals that act."""
         own = self.filter.copied()
         fade = np.exp(-(log.t[-1] - log.t[0]) / _MEMORY)
@@ -57,7 +57,7 @@ class Rival(NamedTuple):
         estimator.walking(walk).carry(own, log)
         return self._replace(filter=own)
 
-    def led_by(self, best: Rival) -> Rival:
+    def led_by(self, best: DriftHypothesis) -> DriftHypothesis:
         """This model restarted at the best one's estimate, with slightly less evidence.
 
         A filter that has diverged would be useless when its model becomes correct.
@@ -70,7 +70,9 @@ class Rival(NamedTuple):
 class Rivals(NamedTuple):
     """Rivals started at the same time."""
 
-    each: tuple[Rival, ...]  # of every model and variance, the walks of the gains alone last
+    each: tuple[
+        DriftHypothesis, ...
+    ]  # of every model and variance, the walks of the gains alone last
     begin: float  # when they began [s]
 
     @staticmethod
@@ -84,7 +86,7 @@ class Rivals(NamedTuple):
         start.tally[1:] = 0.0
         start.totals[:] = 0.0
         models = [(0.0, 0.0), *((w, 0.0) for w in _ALL), *((0.0, w) for w in _WALKS)]
-        return Rivals(tuple(Rival(start, *model) for model in models), t)
+        return Rivals(tuple(DriftHypothesis(start, *model) for model in models), t)
 
     def followed(self, estimator: KalmanFilter, log: Log) -> Rivals:
         """The rivals after a log, under the signals that act."""
@@ -94,7 +96,7 @@ class Rivals(NamedTuple):
         each = tuple(one if one.evidence >= least else one.led_by(best) for one in each)
         return self._replace(each=each)
 
-    def preferred(self, t: float, drift: float) -> Rival | None:
+    def preferred(self, t: float, drift: float) -> DriftHypothesis | None:
         """The rival to continue with at time t [s]; None to keep the current filter.
 
         `drift` is the variance per second by which the gains walk now; 0 if constant [1/s].

@@ -17,7 +17,8 @@ from nsaid_mj.lab.evaluation.run_evaluation import confidence_of
 from nsaid_mj.lab.evaluation.run_misfit import misfit_of
 from nsaid_mj.lab.evaluation.statistics import StatedConfidence
 from nsaid_mj.lab.evaluation.truth import Truth
-from nsaid_mj.lab.loop import Cost, Ending, SimulatedRun
+from nsaid_mj.lab.following import RunTimes
+from nsaid_mj.lab.loop import Ending, SimulatedRun
 from nsaid_mj.lab.record import Record
 from nsaid_mj.lab.setup import with_prior_error
 from nsaid_mj.watch.replay import replay
@@ -87,7 +88,7 @@ def identified(simulated: Simulated) -> Stated:
         identifiers={"": identifier},
         statuses={"": state.status},
         ending=Ending(state.status, end),
-        cost=Cost(),
+        cost=RunTimes(),
         states={"": state},
         setup=setup,
     )

@@ -11,19 +11,19 @@ from nsaid_mj.core.laws.base import Status
 from nsaid_mj.core.quotient.cone import cone_of, inside
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.setup import prior_for
-from nsaid_mj.plans.studies.montecarlo import Course, identify
+from nsaid_mj.plans.studies.montecarlo import DrawnMotion, identify
 from nsaid_mj.plans.studies.study import Row
 from scripts.results import ENOUGH, VEHICLES, course, start
 
 
 @cache
-def known(name: str, seconds: float) -> Course:
+def known(name: str, seconds: float) -> DrawnMotion:
     scenario = load(name)
     law = replace(scenario.identifier, law="memory", gamma="scale")
     return course(replace(scenario, identifier=law, rivals={}, seed=7, duration=seconds))
 
 
-def begun(motion: Course, index: int) -> tuple[int, Scenario]:
+def begun(motion: DrawnMotion, index: int) -> tuple[int, Scenario]:
     return index, start(motion.setup.scenario, index)
 
 

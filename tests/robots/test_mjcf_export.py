@@ -9,7 +9,7 @@ import pytest
 
 from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.robots.errors import BadRobot
-from nsaid_mj.robots.identified import Coupling, Identified
+from nsaid_mj.robots.identified import Identified, SharedFriction
 from nsaid_mj.robots.mjcf_export import write_mjcf
 from nsaid_mj.robots.urdf import write_urdf
 
@@ -105,7 +105,7 @@ def test_a_motor_that_two_joints_share_is_a_tendon(tmp_path, sign, inertia, damp
     path.write_text(arm())
     robot = load_robot_model(str(path))
     plain = identified(robot)
-    shared = Coupling((1, 2), sign, inertia, damping, 0.3)
+    shared = SharedFriction((1, 2), sign, inertia, damping, 0.3)
     forces, matrices = [], []
     for values in (plain, replace(plain, couplings=(shared,))):
         out, mj = exported(tmp_path, robot, values)

@@ -14,7 +14,7 @@ import pyarrow.feather
 import pyarrow.parquet
 from hypothesis import strategies as st
 
-from nsaid_mj.clinic.logs.tables import Table, read
+from nsaid_mj.clinic.logs.tables import LogTable, read
 from nsaid_mj.clinic.logs.unusable import UnusableLog
 from tests.support.bags import write_bag
 from tests.support.flight_logs import write_dataflash, write_ulog
@@ -120,7 +120,7 @@ def damage(data: bytes, edits: list[Edit]) -> bytes:
     return data
 
 
-def end_of_reading(path: Path) -> Table | UnusableLog:
+def end_of_reading(path: Path) -> LogTable | UnusableLog:
     """A table with channels, or the error that names the file."""
     try:
         table = read(path)

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.lab.plants.world.blueprint import sheet_of
-from nsaid_mj.lab.plants.world.body import NED, Inertia, command_inputs, hidden, vehicle_spec
+from nsaid_mj.lab.plants.world.body import NED, BodyInertia, command_inputs, hidden, vehicle_spec
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.plants.world.plant import Plant
 from nsaid_mj.lab.plants.world.simulated import SimulatedRobot
@@ -200,7 +200,7 @@ def vehicle(true: Hydrodynamics, dt: float, mismatch: Mismatch = Mismatch()) -> 
     system = SHEET.blueprint().system
     m, S_c = true.rigid[0, 0], true.rigid[3:, :3] / true.rigid[0, 0]
     centre = np.array([S_c[2, 1], S_c[0, 2], S_c[1, 0]])
-    body = Inertia(m, centre, true.rigid[3:, 3:] + m * S_c @ S_c)
+    body = BodyInertia(m, centre, true.rigid[3:, 3:] + m * S_c @ S_c)
     spec = vehicle_spec(vehicle_files("bluerov2"), dt, body)
     command_inputs(spec, system.n_u)
     acting = replace(true, rigid=np.zeros((6, 6))).theta()

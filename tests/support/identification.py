@@ -13,13 +13,13 @@ from nsaid_mj.clinic.identify.result import (
     AlongLog,
     Combination,
     Curves,
-    Gain,
+    GainRatio,
     Identification,
-    JointFit,
+    JointStructure,
     recording_shifts,
     statistics_of,
 )
-from nsaid_mj.clinic.logs.recordings import Recordings, Segment
+from nsaid_mj.clinic.logs.recordings import LogSegment, Recordings
 from nsaid_mj.core.log import Log
 from nsaid_mj.lab.loop import Ending
 from nsaid_mj.report.result import Parameter, Status
@@ -88,7 +88,7 @@ def identification(
     q = 0.5 * np.sin(t[:, None] * (1 + np.arange(n)))
     u = np.cos(t[:, None] * (1 + np.arange(n)))
     logs = tuple(
-        Segment(
+        LogSegment(
             Log(t, q, np.gradient(q, t, axis=0), u),
             np.ones((len(t), n), bool),
             f"log {k}.csv",
@@ -114,14 +114,14 @@ def identification(
         np.linspace(0, 4, 8),
         np.linspace(0.5, 1, 8)[:, None] * theta,
         np.full((8, n), 0.1),
-        tuple(Gain(parameters[k].label, 1.1, 0.2, 1.0, 0.1) for k in gains),
+        tuple(GainRatio(parameters[k].label, 1.1, 0.2, 1.0, 0.1) for k in gains),
         np.full(n, 0.05),
         np.full(n, 0.04),
         "some",
         1.0,
     )
     joints = tuple(
-        JointFit(
+        JointStructure(
             name,
             0.04,
             held_out,

@@ -16,13 +16,13 @@ from .choose.structured import structured
 from .fit import Fit, Precision, minimise, precision, tempered, tempered_fit
 from .joints import TRUSTED, nearest_friction
 from .links import check_loads, payloads
-from .problem import Problem, folds, least_squares
+from .problem import FitProblem, folds, least_squares
 from .residuals import Followed, doubts, followed, widened, with_doubts
 from .result import (
+    BatchFit,
     Curves,
-    Fitted,
     Identification,
-    JointFit,
+    JointStructure,
     Options,
     Structured,
     recording_shifts,
@@ -99,10 +99,10 @@ def calibrate(
     return result
 
 
-def _estimated(robot: RobotModel, made: Structured, known: Mapping[str, float]) -> Fitted:
+def _estimated(robot: RobotModel, made: Structured, known: Mapping[str, float]) -> BatchFit:
     """The fit of a structure with known values, and its precision."""
 
-    def informed(each: Problem) -> Problem:
+    def informed(each: FitProblem) -> FitProblem:
         return with_known(rescaled(each, known) if robot.weightless else each, known)
 
     problem = informed(made.problem)
@@ -111,11 +111,11 @@ def _estimated(robot: RobotModel, made: Structured, known: Mapping[str, float]) 
     changes = [_change(problem, fit, informed(other), share) for other in made.alternatives]
     if changes:
         exact = exact._replace(structure=np.array(changes))
-    return Fitted(made, problem, fit, exact, share)
+    return BatchFit(made, problem, fit, exact, share)
 
 
 def _judged(
-    fitted: Fitted, left: Sequence[Followed], joints: Sequence[JointFit], arm: bool
+    fitted: BatchFit, left: Sequence[Followed], joints: Sequence[JointStructure], arm: bool
 ) -> tuple[list[Finding], Precision]:
     """Findings about the structure, and the precision widened by them.
 
@@ -145,8 +145,8 @@ def _judged(
 def _identification(
     robot: RobotModel,
     logs: tuple[Recordings, Recordings | None],
-    fitted: Fitted,
-    joints: tuple[JointFit, ...],
+    fitted: BatchFit,
+    joints: tuple[JointStructure, ...],
     found: list[Finding],
     known: Mapping[str, float],
     begin: float,
@@ -193,7 +193,7 @@ def _identification(
     )
 
 
-def _joints(fitted: Fitted, robot: RobotModel) -> tuple[JointFit, ...]:
+def _joints(fitted: BatchFit, robot: RobotModel) -> tuple[JointStructure, ...]:
     """How well every velocity is predicted, also by least squares with the gains of the fit.
 
     The held-out error is NaN for velocities of a vehicle that hardly moves in them.
@@ -233,7 +233,7 @@ def structure_checks(names: tuple[str, ...], held_out: Array) -> list[Finding]:
     ]
 
 
-def _doubted(problem: Problem, names: list[str], arm: bool) -> Array:
+def _doubted(problem: FitProblem, names: list[str], arm: bool) -> Array:
     """(p,) 1 at parameters of velocities that the structure does not explain, else 0.
 
     Their intervals are widened by their own size. On a vehicle every parameter acts on several
@@ -245,7 +245,7 @@ def _doubted(problem: Problem, names: list[str], arm: bool) -> Array:
     return np.array(own, dtype=np.float64)
 
 
-def _held_out(problem: Problem, share: Array, start: Array) -> tuple[Array, Array]:
+def _held_out(problem: FitProblem, share: Array, start: Array) -> tuple[Array, Array]:
     """(n,), (n,) NRMSE of held-out fifths: of fits from `start` (p,), of weighted least squares.
 
     Squares are summed over all fifths and divided by those of the whole log's forces, because a
@@ -266,7 +266,7 @@ def _held_out(problem: Problem, share: Array, start: Array) -> tuple[Array, Arra
     return ours, theirs
 
 
-def _change(problem: Problem, fit: Fit, other: Problem, share: Array) -> Array:
+def _change(problem: FitProblem, fit: Fit, other: FitProblem, share: Array) -> Array:
     """(p,) change of θ̂ under another structure that counts as one standard deviation.
 
     It is the whole change, times the ratio of the residual variances if the other structure
@@ -283,7 +283,7 @@ def _change(problem: Problem, fit: Fit, other: Problem, share: Array) -> Array:
     return change
 
 
-def _curves(problem: Problem, theta: Array, recordings: Recordings) -> Curves:
+def _curves(problem: FitProblem, theta: Array, recordings: Recordings) -> Curves:
     """Measured and predicted commands where every velocity has an actuator, else forces."""
     t = problem.t + recording_shifts(recordings)[problem.segment]
     at = problem.space.actuators

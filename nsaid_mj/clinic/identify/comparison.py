@@ -28,7 +28,7 @@ from ...robots import (
     position_servos,
     with_inertias,
 )
-from ..logs.recordings import Recordings, Segment
+from ..logs.recordings import LogSegment, Recordings
 from ..servos.export import rollout, write_by_toolbox, write_servo_mjcf
 from ..servos.identify import identify_servos
 from ..servos.logs import DELAYS, ServoLog, ServoLogs, late
@@ -268,7 +268,7 @@ def by_toolbox(
     return found, made.delays
 
 
-def delayed(segment: Segment, delays: Sequence[float] | Array) -> Segment:
+def delayed(segment: LogSegment, delays: Sequence[float] | Array) -> LogSegment:
     """A segment whose commands arrive late, by (n,) delays [s]."""
     log = segment.log
     late = [np.interp(log.t - d, log.t, u) for d, u in zip(delays, log.u.T, strict=True)]

@@ -13,9 +13,9 @@ from ...base import Finding, InvalidInput, NsaidError
 from ...core import Array, number
 from ...lab import JointMap, quiet
 from ...robots import (
-    Coupling,
     Identified,
     RobotModel,
+    SharedFriction,
     Spring,
     actuators_of,
     mjcf_text,
@@ -86,7 +86,7 @@ def identified(result: Identification) -> Identified:
     speed = np.array([joint.friction_speed for joint in result.joints])
     gain = _of(result, "motor gain", k) * np.sign(robot.gain)
     couplings = tuple(
-        Coupling((i, j), sign, *(p.value for p in result.of(f"coupling of {a} and {b}")))
+        SharedFriction((i, j), sign, *(p.value for p in result.of(f"coupling of {a} and {b}")))
         for i, j, sign in result.fitted.made.coupled
         for a, b in [(robot.joints[i], robot.joints[j])]
     )

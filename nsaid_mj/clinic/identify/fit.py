@@ -48,7 +48,7 @@ from ...core import (
     local_norm,
 )
 from ...core import minimise as descend
-from .problem import Problem, folds
+from .problem import FitProblem, folds
 
 _RULES = Rules(steps=200, halvings=12, done=1e-2)
 
@@ -62,10 +62,10 @@ class Fit(NamedTuple):
     cost: float  # J
 
 
-class Prior:
+class ConePrior:
     """D(θ, θ̂(0)) of a problem, from its `space`, `prior`, `spread`, `known` and `size`."""
 
-    def __init__(self, problem: Problem):
+    def __init__(self, problem: FitProblem):
         space = problem.space
         self._size = problem.size
         self._cone = None
@@ -152,12 +152,12 @@ class Prior:
         return float(np.sqrt(total))
 
 
-def gramians(problem: Problem) -> Sums:
+def gramians(problem: FitProblem) -> Sums:
     """The Gramians of a problem's usable rows."""
     return Sums.of(problem.Y, problem.usable)
 
 
-def cost_of(problem: Problem, parts: Sums) -> Quotient:
+def cost_of(problem: FitProblem, parts: Sums) -> Quotient:
     """R with weights N_i; raises `NoEstimate` if no command affects the motion.
 
     Residuals of a passive joint are relative to its inertial force at its rms acceleration:
@@ -176,12 +176,12 @@ def cost_of(problem: Problem, parts: Sums) -> Quotient:
     return Quotient(means, effort, parts.counts)
 
 
-def posterior(problem: Problem, parts: Sums) -> Posterior:
+def posterior(problem: FitProblem, parts: Sums) -> Posterior:
     """J of a problem with the given Gramians of its rows."""
-    return Posterior(cost_of(problem, parts), Prior(problem))
+    return Posterior(cost_of(problem, parts), ConePrior(problem))
 
 
-def minimise(problem: Problem, parts: Sums | None = None, start: Array | None = None) -> Fit:
+def minimise(problem: FitProblem, parts: Sums | None = None, start: Array | None = None) -> Fit:
     """Minimises J from `start` (p,), by default the prior, with the Gramians `parts` or all rows.
 
     Raises:
@@ -207,7 +207,7 @@ _NEGLIGIBLE = 1e-6  # weight in θ/scale below which a parameter is left out of 
 _DEPENDENT = 1e-7  # residual share below which a column is a combination of earlier ones
 
 
-def inflation(problem: Problem, theta: Array) -> Array:
+def inflation(problem: FitProblem, theta: Array) -> Array:
     """(n,) rows per effectively independent row: long-run over white variance of the scores.
 
     The score of a residual along a column is summed over blocks in time; for white residuals the
@@ -230,13 +230,13 @@ def inflation(problem: Problem, theta: Array) -> Array:
     return found
 
 
-def tempered(problem: Problem, share: Array) -> Sums:
+def tempered(problem: FitProblem, share: Array) -> Sums:
     """The Gramians of the rows, weighted as effectively independent ones."""
     parts = gramians(problem)
     return Sums(parts.sums / share[:, None, None], parts.counts / share)
 
 
-def tempered_fit(problem: Problem) -> tuple[Fit, Array]:
+def tempered_fit(problem: FitProblem) -> tuple[Fit, Array]:
     """The fit weighted by the effective number of independent rows, and (n,) rows per such row."""
     fit = minimise(problem)
     share = inflation(problem, fit.theta)
@@ -268,7 +268,7 @@ class Precision(NamedTuple):
         return np.array([self.of(e) for e in np.eye(len(self.prior))])
 
 
-def precision(problem: Problem, fit: Fit, share: Array) -> Precision:
+def precision(problem: FitProblem, fit: Fit, share: Array) -> Precision:
     """The precision of a fit to rows tempered by share (n,), see `inflation`."""
     total = tempered(problem, share)
     data, prior = information(problem, total, fit.theta)
@@ -294,7 +294,7 @@ def precision(problem: Problem, fit: Fit, share: Array) -> Precision:
     )
 
 
-def information(problem: Problem, parts: Sums, theta: Array) -> tuple[Array, Array]:
+def information(problem: FitProblem, parts: Sums, theta: Array) -> tuple[Array, Array]:
     """(p, p) information of rows and (p, p) of the prior at θ (p,)."""
     J = posterior(problem, parts)
     return J.likelihood(theta).curvature(theta), J.prior.derivatives(theta)[1]
@@ -318,7 +318,7 @@ class Combinations(NamedTuple):
         return [self.independent[row] for row in np.flatnonzero(self.weights[:, index])]
 
 
-def combinations(problem: Problem) -> Combinations:
+def combinations(problem: FitProblem) -> Combinations:
     """The base parameters of the log: columns in order, each kept if it is independent.
 
     Actuator parameters are left out: with the gains known, the rest is determined up to these

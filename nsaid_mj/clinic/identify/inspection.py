@@ -14,7 +14,7 @@ from ..logs.layout import Layout, layout, with_angles
 from ..logs.mapping import Map
 from ..logs.preparation import prepare
 from ..logs.recordings import Recordings
-from ..logs.tables import Channel, Table
+from ..logs.tables import Channel, LogTable
 from ..logs.unusable import UnmatchedChannels, UnusableLog
 
 
@@ -44,7 +44,7 @@ class ChannelFigures:
 class Inspection:
     """The result of inspecting a log."""
 
-    tables: tuple[Table, ...]  # the files
+    tables: tuple[LogTable, ...]  # the files
     channels: tuple[ChannelFigures, ...]  # figures of all channels
     findings: tuple[Finding, ...]  # all findings; `identify` stops at refusals
     # the log in the robot's coordinates; None without a model, or if channels could not be matched
@@ -54,7 +54,7 @@ class Inspection:
 
 
 def inspect(
-    tables: Sequence[Table], mapping: Map | None = None, robot: RobotModel | None = None
+    tables: Sequence[LogTable], mapping: Map | None = None, robot: RobotModel | None = None
 ) -> Inspection:
     """Computes figures of every channel of a log and, given a robot, runs the checks of `identify`.
 
@@ -96,7 +96,7 @@ def inspect(
 
 
 def _servo_findings(
-    tables: Sequence[Table], mapping: Map | None, robot: RobotModel
+    tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel
 ) -> tuple[Finding, ...] | None:
     """Findings about position targets of a servo arm; None for other logs."""
     if not any(finding.code == "servo" for finding in robot.findings):

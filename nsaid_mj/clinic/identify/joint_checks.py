@@ -16,7 +16,7 @@ from .choose.held_out import held_out_errors, joint_columns, rms
 from .fit import minimise
 from .joints import JointRows
 from .links import file_links
-from .problem import Problem, mean_squares
+from .problem import FitProblem, mean_squares
 
 STATED = 0.15
 GUESSED = 2.0
@@ -177,7 +177,7 @@ def _swapped(
     return [Finding("refusal", "swapped", ", ".join(better), text, remedy, {"columns": better})]
 
 
-def reversed_commands(rows: JointRows, choice: Choice, problem: Problem) -> list[Finding]:
+def reversed_commands(rows: JointRows, choice: Choice, problem: FitProblem) -> list[Finding]:
     """Commands against which friction would do positive work.
 
     Candidates come from least squares of each joint's own row; a command is reported if the

@@ -40,7 +40,7 @@ from .links import (
     sizes_of_links,
     weight_columns,
 )
-from .problem import Problem, Size, mean_squares
+from .problem import FitProblem, Size, mean_squares
 from .rows import Rows, unrolled, with_columns
 from .smoothing import Filter, delayed, smooth, smooth_commands
 
@@ -161,7 +161,7 @@ class JointRows(Rows):
         """(N,) tanh((v_i ± v_j)/s) of two coupled joints, s by its index in `SPEEDS`."""
         return self._entries["shared_coulomb", i, SPEEDS[speed], j]
 
-    def problem(self, choice: Choice) -> Problem:
+    def problem(self, choice: Choice) -> FitProblem:
         """The fit of a structure, with columns and delays of `choice`."""
         model = self.robot.model
         u = self.commands(choice.delay)
@@ -184,7 +184,7 @@ class JointRows(Rows):
         loaded = {name: load.place.start // 10 for load in carried for name in load.block.names}
         stated = np.zeros(len(space), dtype=bool)
         stated[space.actuators] = self.spread[driven] < TRUSTED
-        return Problem(
+        return FitProblem(
             space,
             self._rows(space, choice, u),
             self.usable,
@@ -353,7 +353,7 @@ def joint_of(parameter: str) -> int:
     return int(parameter.rpartition("_")[2]) - 1
 
 
-def nearest_friction(problem: Problem, theta: Array) -> tuple[Array, Array]:
+def nearest_friction(problem: FitProblem, theta: Array) -> tuple[Array, Array]:
     """(k,) viscous and (k,) Coulomb friction that approximate all friction of a joint at θ (p,)."""
     space = problem.space
     kinds = [COLUMNS[name].block for name in COLUMNS if name not in ("rotor", "spring", "offset")]

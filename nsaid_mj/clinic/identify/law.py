@@ -22,7 +22,17 @@ from ...core import (
     Status,
     gain_deviations,
 )
-from ...lab import INTERVAL, Logs, Observer, Record, Robot, Run, Scenario, followed, misfit_of
+from ...lab import (
+    INTERVAL,
+    Logs,
+    Observer,
+    Record,
+    RobotDescription,
+    Run,
+    Scenario,
+    followed,
+    misfit_of,
+)
 from ...report import gravest_first
 from ...robots import RobotModel
 from ..logs.recordings import Recordings
@@ -30,7 +40,7 @@ from .choose.cutoff import filter_for
 from .fit import minimise, tempered
 from .measured import identifiers_of, log_robot, measured_scenario
 from .problem import mean_squares
-from .result import AlongLog, Fitted, Gain, Identification, Structured, recording_shifts
+from .result import AlongLog, BatchFit, GainRatio, Identification, Structured, recording_shifts
 from .smoothing import delayed, noise_levels, refined, smooth, smooth_commands
 from .vehicles import smooth_pose
 
@@ -49,7 +59,7 @@ class _Watch(Observer):
         self.period = period
         self.rows = []
 
-    def start(self, scenario: Scenario, robot: Robot, first: Measurement) -> None:
+    def start(self, scenario: Scenario, robot: RobotDescription, first: Measurement) -> None:
         """Does nothing: there is no estimate yet."""
 
     def see(self, log: Log, states: dict[str, State], levels: tuple[float, float]) -> None:
@@ -167,7 +177,7 @@ def law_logs(
     return found, start, rate
 
 
-def _gains(fitted: Fitted, theta: Array, deviation: Array) -> tuple[Gain, ...]:
+def _gains(fitted: BatchFit, theta: Array, deviation: Array) -> tuple[GainRatio, ...]:
     """Gains of the law, θ̂ (p,) and deviations (a,), beside the batch fit's; none if one is ≤ 0."""
     space = fitted.problem.space
     own = fitted.fit.theta
@@ -181,7 +191,7 @@ def _gains(fitted: Fitted, theta: Array, deviation: Array) -> tuple[Gain, ...]:
         weights[at] = ((np.arange(len(at)) == i) - 1 / len(at)) / own[at]
         half = INTERVAL * float(deviation[i]), INTERVAL * fitted.exact.of(weights)
         label = space.labels[index]
-        found.append(Gain(label, float(ours[i]), half[0], float(theirs[i]), half[1]))
+        found.append(GainRatio(label, float(ours[i]), half[0], float(theirs[i]), half[1]))
     return tuple(found)
 
 

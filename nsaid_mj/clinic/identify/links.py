@@ -154,7 +154,7 @@ def with_mass(model: pin.Model, joint: int, mass: float, centre: Array) -> pin.M
     return found
 
 
-class Payload(NamedTuple):
+class CarriedLoads(NamedTuple):
     """All loads of one mass and place, as parameters of a fit."""
 
     block: Block  # the ten inertial parameters, in the frame of the joint that moves the load
@@ -165,7 +165,7 @@ class Payload(NamedTuple):
     known: dict[str, float]
 
 
-def payloads(model: pin.Model, loads: Sequence[Load]) -> list[Payload]:
+def payloads(model: pin.Model, loads: Sequence[Load]) -> list[CarriedLoads]:
     """The loads of a tree of joints, one for each mass and place."""
     found = []
     grouped = {}
@@ -181,5 +181,5 @@ def payloads(model: pin.Model, loads: Sequence[Load]) -> list[Payload]:
         fixed = range(4) if known else range(1)
         values = {block.labels[k]: float(prior[k]) for k in fixed}
         place = slice(10 * joint - 10, 10 * joint)
-        found.append(Payload(block, prior, place, frozenset(sources), values))
+        found.append(CarriedLoads(block, prior, place, frozenset(sources), values))
     return found

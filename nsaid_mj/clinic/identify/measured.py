@@ -29,12 +29,12 @@ from ...core import (
 from ...lab import (
     MOST_STEPS,
     ArmPlant,
-    Cost,
     Ending,
     PlantConfig,
     Record,
-    Robot,
+    RobotDescription,
     Run,
+    RunTimes,
     Scenario,
     SensorNoise,
     identifier_of,
@@ -74,12 +74,12 @@ class MeasuredRobot(PlantConfig, ABC):
             identifiers=identifiers_of(scenario, robot),
             statuses={"": Status.completed},
             ending=Ending(Status.completed, float(record["t"][-1])),
-            cost=Cost(steps=len(record)),
+            cost=RunTimes(steps=len(record)),
             looks=robot.looks,
         )
 
     @abstractmethod
-    def known(self) -> Robot:
+    def known(self) -> RobotDescription:
         """Structure, prior and looks.
 
         Raises:
@@ -105,7 +105,7 @@ class LiveRobot(MeasuredRobot):
     joints: tuple[Name, ...] = ()
     gain: Positive | None = None
 
-    def known(self) -> Robot:
+    def known(self) -> RobotDescription:
         """Structure, prior and looks from the model file.
 
         Raises:
@@ -115,11 +115,11 @@ class LiveRobot(MeasuredRobot):
         model = load_robot_model(self.robot, self.lock, self.joints or None)
         if not model.jointed:
             assert model.prior is not None
-            return Robot(model.system, model.prior, model.visuals)
+            return RobotDescription(model.system, model.prior, model.visuals)
         return _arm(model, self.gain)
 
 
-def _arm(model: RobotModel, gain: float | None) -> Robot:
+def _arm(model: RobotModel, gain: float | None) -> RobotDescription:
     """A tree of joints with rotor inertia and viscous and Coulomb friction, and motors.
 
     What the file does not state is guessed by order of magnitude: a geared motor needs about a
@@ -148,7 +148,7 @@ def _arm(model: RobotModel, gain: float | None) -> Robot:
     system = CompiledMultibody(tree, scales, np.full(k, _FRICTION_SPEED))
     prior = np.concatenate([file_links(tree), rotor, viscous, coulomb, gains])
     prior = drawn_inside(system.space, prior, 0.0, np.random.default_rng(0))
-    return Robot(system, prior, model.visuals)
+    return RobotDescription(system, prior, model.visuals)
 
 
 def measured_scenario(
@@ -186,7 +186,7 @@ def measured_scenario(
     )
 
 
-def identifiers_of(scenario: Scenario, robot: Robot) -> dict[str, Identifier]:
+def identifiers_of(scenario: Scenario, robot: RobotDescription) -> dict[str, Identifier]:
     """The scenario's own identifier, for a robot that is not simulated."""
     config = scenario.identifier
     levels = scenario.noise.levels
@@ -276,11 +276,11 @@ class LogRobot(MeasuredRobot):
     speed: tuple[Number, ...] = ()  # (n,) largest velocities, for probes of the structure
     command: tuple[Number, ...] = ()  # (n_u,) largest commands
 
-    def known(self) -> Robot:
+    def known(self) -> RobotDescription:
         """Structure, prior and looks; kinematics and looks are the model file's."""
         return self.robot_of(load_robot_model(self.robot, (), self.joints or None))
 
-    def robot_of(self, model: RobotModel) -> Robot:
+    def robot_of(self, model: RobotModel) -> RobotDescription:
         """Structure, prior and looks of a robot with a loaded model."""
         own = model.system
         if model.jointed:
@@ -291,7 +291,7 @@ class LogRobot(MeasuredRobot):
         rotors = [*structure.rotors, *(Rotor(*each) for each in self.rotors)]
         structure = replace(structure, columns=columns, rotors=rotors, p=len(space))
         prior = drawn_inside(space, np.array(self.prior), 0.0, np.random.default_rng(0))
-        return Robot(rebuilt(own, structure, space), prior, model.visuals)
+        return RobotDescription(rebuilt(own, structure, space), prior, model.visuals)
 
 
 def log_robot(found: Identification) -> LogRobot:

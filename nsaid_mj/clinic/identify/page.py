@@ -150,8 +150,8 @@ def _sections(result: Identification, draw: Draw) -> list[Section]:
                 Figures(draw(forests(gains))),
                 *gains_of(result, numbers),
                 Text(
-                    "Lines are 95 % intervals; ◇ is the prior, the value before the log; relative: of "
-                    "the ratio to the other gains.",
+                    "Lines are 95 % intervals; ◇ is the prior, the value before the log; "
+                    "relative: of the ratio to the other gains.",
                     note=True,
                 ),
             ]

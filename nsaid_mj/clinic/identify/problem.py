@@ -41,7 +41,7 @@ def size_weights(columns: Array, theta: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Problem:
+class FitProblem:
     """Rows and prior."""
 
     space: ParameterSpace  # names, units, scale and geometry of θ
@@ -59,7 +59,7 @@ class Problem:
     # some joints are passive
     inertia: Array | None = None
 
-    def select(self, rows: Indices | Mask) -> Problem:
+    def select(self, rows: Indices | Mask) -> FitProblem:
         """The problem of some of the rows (N,), as indices or a mask."""
         parts = {name: getattr(self, name)[rows] for name in ("Y", "usable", "t", "segment")}
         return replace(self, **parts)
@@ -73,7 +73,7 @@ class Problem:
         """(N, n) Y θ."""
         return self.Y @ theta
 
-    def nrmse(self, theta: Array, whole: Problem | None = None) -> Array:
+    def nrmse(self, theta: Array, whole: FitProblem | None = None) -> Array:
         """(n,) rms of Y θ over the standard deviation of the actuators' forces, per velocity.
 
         Predicting the mean command gives 1. For velocities without an actuator, the forces of
@@ -123,7 +123,7 @@ def mean_squares(x: Array, usable: Mask) -> Array:
     return np.sum(np.where(usable, x, 0.0) ** 2, axis=0) / np.maximum(usable.sum(axis=0), 1)
 
 
-def folds(problem: Problem, count: int) -> list[tuple[Problem, Problem]]:
+def folds(problem: FitProblem, count: int) -> list[tuple[FitProblem, FitProblem]]:
     """Splits a problem into `count` parts: pairs of the problem without a part, and that part.
 
     A part is contiguous in time and has an equal share of the information in the rows of every
@@ -145,7 +145,7 @@ def folds(problem: Problem, count: int) -> list[tuple[Problem, Problem]]:
     return found
 
 
-def least_squares(problem: Problem, gain: Array) -> Array:
+def least_squares(problem: FitProblem, gain: Array) -> Array:
     """(p,) θ of weighted least squares, the baseline: no prior, no physical bounds.
 
     Its norm is least in θ/scale. The actuator parameters gain (k,) are given, not estimated.

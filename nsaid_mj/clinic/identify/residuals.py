@@ -31,7 +31,7 @@ from ...core import Array
 from ...lab import INTERVAL
 from ...report import Explains
 from .fit import Precision, cost_of, gramians
-from .problem import Problem, mean_squares
+from .problem import FitProblem, mean_squares
 
 _BLOCKS = 20  # of the log, for the variance of the scores
 _CHANCE = 0.01  # that any suspect enters by chance
@@ -67,12 +67,12 @@ class Followed(NamedTuple):
 
 
 def followed(
-    problem: Problem,
+    problem: FitProblem,
     theta: Array,
     covariance: Array,
     share: Array,
     suspects: Iterable[Suspect],
-    noisier: Callable[[Array], tuple[Problem, Iterable[Suspect]]] | None = None,
+    noisier: Callable[[Array], tuple[FitProblem, Iterable[Suspect]]] | None = None,
 ) -> tuple[Followed, ...]:
     """The suspects with which the residuals of a fit correlate, in order of selection.
 
@@ -135,7 +135,7 @@ def widened(exact: Precision, left: Sequence[Followed]) -> Precision:
 
 
 def doubts(
-    problem: Problem, exact: Precision, left: Sequence[Followed], held_out: Array
+    problem: FitProblem, exact: Precision, left: Sequence[Followed], held_out: Array
 ) -> list[Finding]:
     """Findings about the suspects: a warning for each that matters, a note for every other.
 
@@ -217,7 +217,9 @@ class _Rows:
         residual: (N n, 1) what fit and selected suspects leave.
     """
 
-    def __init__(self, problem: Problem, theta: Array, share: Array, weight: Array | None = None):
+    def __init__(
+        self, problem: FitProblem, theta: Array, share: Array, weight: Array | None = None
+    ):
         used = problem.usable
         residual = np.where(used, problem.residual(theta), 0.0)
         power = mean_squares(residual, used)

@@ -14,7 +14,7 @@ from ...robots import RobotModel
 from ..logs.recordings import Recordings
 from .fit import Fit, Precision
 from .loads import Load
-from .problem import Mask, Problem
+from .problem import FitProblem, Mask
 from .residuals import Suspect
 
 
@@ -34,7 +34,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class JointFit:
+class JointStructure:
     """Structure chosen for one joint or velocity, and prediction quality of its command.
 
     NRMSE is the rms error of the predicted command over the standard deviation of the measured one:
@@ -57,12 +57,12 @@ class JointFit:
 class Structured(NamedTuple):
     """A chosen structure."""
 
-    problem: Problem  # rows of the training logs
+    problem: FitProblem  # rows of the training logs
     # problems of other plausible structures and filters, for the sensitivity of θ̂. An iterator,
     # since those of a long log are large
-    alternatives: Iterator[Problem]
-    checked: Problem | None  # rows of the validation log; None without one
-    velocities: tuple[JointFit, ...]  # the choice for every velocity, before its prediction
+    alternatives: Iterator[FitProblem]
+    checked: FitProblem | None  # rows of the validation log; None without one
+    velocities: tuple[JointStructure, ...]  # the choice for every velocity, before its prediction
     findings: tuple[Finding, ...]  # how the structure was chosen, and other findings
     cutoff: float  # cut-off frequency of the rows' filter [Hz]
     delays: Array  # (k,) delays of the commands [s]
@@ -70,7 +70,7 @@ class Structured(NamedTuple):
     suspects: Callable[[Array], Iterable[Suspect]] = lambda _: ()
     # the problem and the suspects with twice the variance of the sensors' noise, for a (p,) θ̂;
     # None where suspects do not depend on the measured motion
-    noisier: Callable[[Array], tuple[Problem, Iterable[Suspect]]] | None = None
+    noisier: Callable[[Array], tuple[FitProblem, Iterable[Suspect]]] | None = None
     # commands (N, k) as they act, apart from `delays`, from those at a rate [Hz]
     acting: Callable[[Array, float], Array] = lambda u, _: u
     coupled: tuple[tuple[int, int, int], ...] = ()  # pairs (i, j, ±1) of joints with a common motor
@@ -104,7 +104,7 @@ class Curves:
     usable: Mask  # (N, k) whether the row was used
 
 
-def statistics_of(joints: Sequence[JointFit]) -> tuple[Statistic, ...]:
+def statistics_of(joints: Sequence[JointStructure]) -> tuple[Statistic, ...]:
     """The NRMSE of every joint, beside least squares and on the validation log if there is one."""
     kinds = {
         "held out": "held_out",
@@ -118,17 +118,17 @@ def statistics_of(joints: Sequence[JointFit]) -> tuple[Statistic, ...]:
     return tuple(f for f in found if any(value is not None for value in f.values.values()))
 
 
-class Fitted(NamedTuple):
+class BatchFit(NamedTuple):
     """Intermediate results of a batch fit."""
 
     made: Structured  # the chosen structure
-    problem: Problem  # rows and prior
+    problem: FitProblem  # rows and prior
     fit: Fit  # the minimum
     exact: Precision  # the estimate and its precision
     share: Array  # (n,) rows per effectively independent row
 
 
-class Gain(NamedTuple):
+class GainRatio(NamedTuple):
     """A gain relative to the geometric mean of all gains, independent of the common scale of θ."""
 
     label: str  # label of the parameter
@@ -155,7 +155,7 @@ class AlongLog:
     # (K, a) standard deviations of the gains over their mean, relative; infinite where the law
     # states none
     deviation: Array
-    gains: tuple[Gain, ...]  # at the end, beside the batch fit's
+    gains: tuple[GainRatio, ...]  # at the end, beside the batch fit's
     # (n,) NRMSE of the last fifth of the rows under the estimate before them; NaN where it is not
     # judged
     last: Array
@@ -210,7 +210,7 @@ class Identification(Result):
 
     robot: RobotModel
     recordings: Recordings
-    joints: tuple[JointFit, ...]
+    joints: tuple[JointStructure, ...]
     combinations: tuple[Combination, ...]
     anchor: str
     suggestion: str
@@ -223,7 +223,7 @@ class Identification(Result):
     law: AlongLog | None
     cutoff: float
     seconds: float
-    fitted: Fitted
+    fitted: BatchFit
 
     def summary(self) -> dict[str, Any]:
         """Everything but arrays, for JSON; numbers may be infinite."""

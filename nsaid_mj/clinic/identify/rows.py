@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...core import Array, Block, Column, ParameterSpace, Rotor, SecondOrderSystem, rebuilt
-from ..logs.recordings import Recordings, Segment
+from ..logs.recordings import LogSegment, Recordings
 from .smoothing import Filter, Smooth
 
 _BLOCK = 500  # rows whose regressors are computed at once: an hour of them would fill the memory
@@ -39,11 +39,11 @@ class Rows:
         self,
         recordings: Recordings,
         chosen: Filter,
-        smooth: Callable[[Segment, Filter], Smooth],
+        smooth: Callable[[LogSegment, Filter], Smooth],
     ):
         self.recordings = recordings
         self.chosen = chosen
-        self.segments: list[Segment] = []
+        self.segments: list[LogSegment] = []
         self.motions: list[Smooth] = []
         numbers = []
         centres = []

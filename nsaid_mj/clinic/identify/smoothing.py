@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from ...core import Array, Indices, Log, decimated, symmetric, zero_phase
-from ..logs.recordings import Recordings, Segment
+from ..logs.recordings import LogSegment, Recordings
 from ..logs.signals import noise
 from .problem import Mask
 
@@ -116,7 +116,7 @@ def twice_as_noisy(recordings: Recordings) -> Recordings:
     return replace(recordings, segments=tuple(segments))
 
 
-def smooth(segment: Segment, chosen: Filter) -> Smooth:
+def smooth(segment: LogSegment, chosen: Filter) -> Smooth:
     """The smoothed motion of a segment."""
     log = segment.log
     pick = slice(None, None, chosen.every)
@@ -138,13 +138,13 @@ def slope(t: Array, x: Array) -> Array:
     return np.asarray(scipy.interpolate.make_interp_spline(t, x, degree).derivative()(t))
 
 
-def smooth_commands(segment: Segment, chosen: Filter) -> BSpline:
+def smooth_commands(segment: LogSegment, chosen: Filter) -> BSpline:
     """The cubic spline through a segment's commands (N, n_u) after the smoothing filter."""
     u = chosen.low_pass(segment.log.u)
     return scipy.interpolate.make_interp_spline(segment.log.t, u, min(3, len(u) - 1))
 
 
-def delayed(segment: Segment, chosen: Filter, curve: BSpline, delay: Array) -> Array:
+def delayed(segment: LogSegment, chosen: Filter, curve: BSpline, delay: Array) -> Array:
     """(N, n_u) smoothed commands at the regressors' times, `delay` (n_u,) [s] after recording."""
     t = segment.log.t
     at = t[:: chosen.every]

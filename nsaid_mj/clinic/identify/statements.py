@@ -16,8 +16,8 @@ from ...core import Array, ParameterSpace
 from ...lab import INTERVAL
 from ...report import Explains, Parameter, Status
 from .fit import Combinations, Fit, Precision, combinations
-from .problem import Problem
-from .result import Combination, JointFit
+from .problem import FitProblem
+from .result import Combination, JointStructure
 
 _EXCITED = 0.5  # expected gain of information, in prior variances, that counts as excitation
 _NARROWED = 0.6  # deviation of a relative gain over the prior's, below which it is identified
@@ -31,7 +31,7 @@ _FAIR = 0.5
 
 
 def parameters_in_words(
-    problem: Problem, fit: Fit, exact: Precision, gain_spread: Array, common: Array
+    problem: FitProblem, fit: Fit, exact: Precision, gain_spread: Array, common: Array
 ) -> tuple[Parameter, ...]:
     """All parameters with interval and status.
 
@@ -73,7 +73,12 @@ def parameters_in_words(
 
 
 def _status(
-    problem: Problem, exact: Precision, combined: Combinations, index: int, value: float, sd: float
+    problem: FitProblem,
+    exact: Precision,
+    combined: Combinations,
+    index: int,
+    value: float,
+    sd: float,
 ) -> tuple[Status, str]:
     """Status of a parameter other than a gain, and its combination in words."""
     if problem.known[index]:
@@ -90,7 +95,7 @@ def _status(
 
 
 def _relative_gains(
-    problem: Problem, fit: Fit, exact: Precision, spread: Array
+    problem: FitProblem, fit: Fit, exact: Precision, spread: Array
 ) -> dict[int, tuple[Status, str, float | None]]:
     """Status, combination and relative half-width of every gain.
 
@@ -141,7 +146,9 @@ def in_words(expression: dict[int, float], space: ParameterSpace) -> str:
     return words + (f" + {rest} more" if rest > 0 else "")
 
 
-def combinations_in_words(problem: Problem, fit: Fit, exact: Precision) -> tuple[Combination, ...]:
+def combinations_in_words(
+    problem: FitProblem, fit: Fit, exact: Precision
+) -> tuple[Combination, ...]:
     """The base parameters of the log with intervals, gains given."""
     combined = combinations(problem)
     found = []
@@ -156,7 +163,7 @@ def combinations_in_words(problem: Problem, fit: Fit, exact: Precision) -> tuple
     return tuple(found)
 
 
-def verdict(joints: tuple[JointFit, ...], arm: bool = True) -> tuple[Explains, str]:
+def verdict(joints: tuple[JointStructure, ...], arm: bool = True) -> tuple[Explains, str]:
     """Whether the structure explains the log, and the verdict in a sentence.
 
     With `arm` the parts are joints; a vehicle has velocities.
@@ -198,7 +205,7 @@ def _range(nrmse: Array) -> str:
     return f"{' to '.join(ends)} %"
 
 
-def suggest(problem: Problem, exact: Precision, parameters: tuple[Parameter, ...]) -> str:
+def suggest(problem: FitProblem, exact: Precision, parameters: tuple[Parameter, ...]) -> str:
     """The one number that, if known, would narrow the intervals of the gains most."""
     at = problem.space.actuators
     free = at[~problem.known[at]]
@@ -271,7 +278,7 @@ class Scale(NamedTuple):
 
 
 def common_scale(
-    problem: Problem,
+    problem: FitProblem,
     exact: Precision,
     theta: Array,
     stated: bool,
@@ -302,7 +309,7 @@ def common_scale(
     return Scale(slopes[problem.size.limb], deviation, fixed, words, len(slopes))
 
 
-def with_known(problem: Problem, known: Mapping[str, float]) -> Problem:
+def with_known(problem: FitProblem, known: Mapping[str, float]) -> FitProblem:
     """The problem with parameters held at known values.
 
     The prior shape of a link of known mass is the file's, and it contributes to the size.
@@ -329,7 +336,7 @@ def with_known(problem: Problem, known: Mapping[str, float]) -> Problem:
     return replace(problem, prior=prior, known=fixed)
 
 
-def _share(problem: Problem, index: int) -> float:
+def _share(problem: FitProblem, index: int) -> float:
     """Share of the bodies' size due to the body whose mass a parameter is; 0 for others."""
     own = next(p for _, p in problem.space if p.start <= index < p.stop)
     if problem.space.units[index] != "kg" or index != own.start:
@@ -338,7 +345,7 @@ def _share(problem: Problem, index: int) -> float:
     return float(np.clip(parts[own].sum() / parts.sum(), 0.0, 1.0))
 
 
-def _index(problem: Problem, name: str) -> int:
+def _index(problem: FitProblem, name: str) -> int:
     space = problem.space
     names = space.names if name in space.names else space.labels
     if name not in names:
@@ -346,7 +353,7 @@ def _index(problem: Problem, name: str) -> int:
     return list(names).index(name)
 
 
-def rescaled(problem: Problem, known: Mapping[str, float]) -> Problem:
+def rescaled(problem: FitProblem, known: Mapping[str, float]) -> FitProblem:
     """The problem of a model without masses, with its arbitrary scale moved to known values."""
     given = with_known(problem, known).prior
     at = np.flatnonzero((given != problem.prior) & (given > 0) & (problem.prior > 0))
@@ -358,7 +365,7 @@ def rescaled(problem: Problem, known: Mapping[str, float]) -> Problem:
     return replace(problem, prior=factor * problem.prior, spread=spread)
 
 
-def idle_values(problem: Problem, scale: Scale, known: Mapping[str, float]) -> list[Finding]:
+def idle_values(problem: FitProblem, scale: Scale, known: Mapping[str, float]) -> list[Finding]:
     """Reports known values that do not fix the scale: their effect, and the reason."""
     if scale.fixed:
         return []

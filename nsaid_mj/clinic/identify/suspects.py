@@ -18,7 +18,7 @@ from ...robots import with_inertias
 from .choose.columns import SPEEDS, Choice
 from .joints import JointRows
 from .links import weight_of
-from .problem import Problem
+from .problem import FitProblem
 from .residuals import Suspect
 from .smoothing import Smooth
 
@@ -27,7 +27,7 @@ PLAYS = (0.002, 0.006, 0.02)  # of gears [rad or m], with which free links are s
 
 
 def arm_suspects(
-    rows: JointRows, choice: Choice, problem: Problem, theta: Array
+    rows: JointRows, choice: Choice, problem: FitProblem, theta: Array
 ) -> Iterator[Suspect]:
     """Suspects of a tree of joints, at θ̂ (p,), links first, of the fit with structure `choice`.
 

@@ -19,11 +19,11 @@ from ...core import (
 )
 from ...lab import smoothed
 from ...robots import RobotModel
-from ..logs.recordings import Recordings, Segment
+from ..logs.recordings import LogSegment, Recordings
 from .choose.columns import further_columns, further_names
 from .choose.timing import Timing
 from .joints import FILE
-from .problem import Problem, Size, size_weights
+from .problem import FitProblem, Size, size_weights
 from .rows import Rows, with_columns
 from .smoothing import Filter, Smooth
 
@@ -115,7 +115,7 @@ class VehicleRows(Rows):
             self._without_commands[columns] = self.regressor(whole, lambda W: W)
         return self._without_commands[columns]
 
-    def problem(self, columns: frozenset[str], timing: Timing) -> Problem:
+    def problem(self, columns: frozenset[str], timing: Timing) -> FitProblem:
         """The fit with further columns and commands that act as a timing says."""
         system = self.system
         rows = self._fixed(columns).copy()
@@ -130,7 +130,7 @@ class VehicleRows(Rows):
         size = Size(weights[None], np.zeros(len(space), dtype=np.intp), FILE, none)
         # relative to its own drag, noise of a velocity without an actuator would pass for drag
         inertia = np.tile(weights, (rows.shape[1], 1))
-        return Problem(
+        return FitProblem(
             space, rows, self.usable, self.t, self.segment, prior, spread, none, size, inertia
         )
 
@@ -166,7 +166,7 @@ def _size(space: ParameterSpace, columns: Array, prior: Array) -> Array:
     return np.where(positive, 1 / np.where(positive, prior, 1.0), 0.0) / positive.sum()
 
 
-def smooth_pose(system: SecondOrderSystem, segment: Segment, chosen: Filter) -> Smooth:
+def smooth_pose(system: SecondOrderSystem, segment: LogSegment, chosen: Filter) -> Smooth:
     """The smoothed motion of a segment, whose positions may be poses."""
     log = smoothed(system, segment.log, chosen.smoothing)
     a = np.gradient(log.v, 1 / chosen.rate, axis=0)

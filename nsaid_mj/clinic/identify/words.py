@@ -4,7 +4,7 @@ import math
 
 from ...core import ABSENT, number, slides
 from ...report import EXPLAINS, Mark, estimate, statistic
-from .result import AlongLog, Identification, JointFit
+from .result import AlongLog, Identification, JointStructure
 
 UNKNOWN = math.log(30.0)
 """Half of a gain's interval that says nothing, of its logarithm."""
@@ -54,7 +54,7 @@ def rows_of(result: Identification) -> tuple[str, str]:
     return ("joint", "joints") if result.robot.jointed else ("velocity", "velocities")
 
 
-def title_of(fit: JointFit, validation: bool = False) -> str:
+def title_of(fit: JointStructure, validation: bool = False) -> str:
     """Title of a joint's figure: its name and the NRMSE that matters."""
     if validation:
         return f"{fit.name}: NRMSE {nrmse(fit.validation)} on the validation log"

@@ -32,7 +32,7 @@ def checked(recordings: Recordings, robot: RobotModel) -> Recordings:
     return replace(recordings, findings=findings)
 
 
-class Motion(NamedTuple):
+class LogMotion(NamedTuple):
     """All segments in one piece, low-passed alike."""
 
     q: Array  # (N, n) positions
@@ -89,7 +89,7 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     return tuple(found)
 
 
-def _motion(recordings: Recordings) -> Motion:
+def _motion(recordings: Recordings) -> LogMotion:
     parts = []
     cut = min(10.0, recordings.rate / 5) / (0.5 * recordings.rate)
     for segment in recordings.segments:
@@ -97,7 +97,7 @@ def _motion(recordings: Recordings) -> Motion:
         poses = q.shape[1] != v.shape[1]
         slopes = v if poses else np.gradient(q, 1 / recordings.rate, axis=0)
         parts.append((q, signals.low_pass(slopes, cut), signals.low_pass(v, cut), u))
-    return Motion(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    return LogMotion(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
 def _dead(what: str, x: Array, least: float, robot: RobotModel, remedy: str) -> list[Finding]:
@@ -114,7 +114,7 @@ def _dead(what: str, x: Array, least: float, robot: RobotModel, remedy: str) -> 
 # -- velocities against positions ----------------------------------------------------------------
 
 
-def _velocities(motion: Motion, robot: RobotModel, measured: list[int]) -> list[Finding]:
+def _velocities(motion: LogMotion, robot: RobotModel, measured: list[int]) -> list[Finding]:
     """Contradictions between measured velocities and the derivatives of positions."""
     found: list[Finding] = []
     together = correlation(motion.slopes, motion.v)
@@ -237,7 +237,7 @@ def limits(robot: RobotModel, name: str) -> tuple[float, float, float]:
     )
 
 
-def _large_commands(motion: Motion, recordings: Recordings, robot: RobotModel) -> list[Finding]:
+def _large_commands(motion: LogMotion, recordings: Recordings, robot: RobotModel) -> list[Finding]:
     """Commands far larger than the model's torques make plausible."""
     model = robot.model
     data = robot.model.createData()

@@ -12,10 +12,10 @@ import numpy as np
 from ...base import Finding, Level
 from ...core import Array, Log, continuous_signs, number
 from . import signals
-from .layout import Layout, Source
-from .recordings import Segment
+from .layout import ChannelSource, Layout
+from .recordings import LogSegment
 from .signals import Signal
-from .tables import Channel, Table
+from .tables import Channel, LogTable
 
 SHOWN = 5
 """Row numbers stated in a message; the finding's data hold up to a hundred."""
@@ -31,7 +31,7 @@ class Cleaned(NamedTuple):
     made: Layout  # which channels they are
     signals: dict[str, Signal]  # by the names of their columns
 
-    def of(self, source: Source) -> Signal:
+    def of(self, source: ChannelSource) -> Signal:
         """The signal of a source."""
         return self.signals[source.column.column]
 
@@ -41,7 +41,7 @@ class Cleaned(NamedTuple):
         return self.of(self.made.positions[0])
 
 
-def clean(table: Table, layout: Layout) -> tuple[Cleaned, tuple[Finding, ...]]:
+def clean(table: LogTable, layout: Layout) -> tuple[Cleaned, tuple[Finding, ...]]:
     """The signals of a layout's sources.
 
     Rows without a value or out of order are dropped, angles continued across whole turns, and
@@ -63,7 +63,7 @@ def clean(table: Table, layout: Layout) -> tuple[Cleaned, tuple[Finding, ...]]:
     return Cleaned(table.source, layout, found), tuple(findings)
 
 
-def _same_signs(table: Table, layout: Layout) -> Table:
+def _same_signs(table: LogTable, layout: Layout) -> LogTable:
     """A table whose quaternions q and −q do not alternate, so that they can be interpolated."""
     names = layout.quaternion
     parts = [table.channels[name] for name in names]
@@ -77,7 +77,11 @@ def _same_signs(table: Table, layout: Layout) -> Table:
 
 
 def _clean_one(
-    file: str, source: Source, channel: Channel, order: signals.Order, findings: list[Finding]
+    file: str,
+    source: ChannelSource,
+    channel: Channel,
+    order: signals.Order,
+    findings: list[Finding],
 ) -> Signal:
     where = f"{file}, {source.column.column}"
     values = channel.values[order.index] * source.factor
@@ -249,7 +253,7 @@ def cut_rest(log: Cleaned, grid: Array, kept: slice) -> list[Finding]:
 
 
 def limits_stated(
-    file: str, segments: Sequence[Segment], limits: Array, joints: Sequence[str]
+    file: str, segments: Sequence[LogSegment], limits: Array, joints: Sequence[str]
 ) -> Finding:
     """Reports the speeds below which rows are not used, and the share of rows above."""
     usable = np.concatenate([segment.usable for segment in segments]).mean(axis=0)

@@ -10,7 +10,7 @@ from ...robots import RobotModel
 from .checks import limits
 from .mapping import FACTORS, Quantity, of_name
 from .matching import candidates, match_targets, words
-from .tables import Table, channel_names, values_of
+from .tables import LogTable, channel_names, values_of
 
 _WHOLE = 100.5  # of a range from −100 to 100, with rounding; larger values are degrees
 _HEAD = """\
@@ -74,7 +74,7 @@ _MEANING = {
 _PULSE = (1000.0, 2000.0)  # ends of a pulse width [µs]
 
 
-def first_map(tables: Sequence[Table], robot: RobotModel) -> str:
+def first_map(tables: Sequence[LogTable], robot: RobotModel) -> str:
     """The map of a log as TOML: entries that channels' names imply, and lines to fill in.
 
     `read_map` accepts it once every joint or actuator has a position and a command.
@@ -105,7 +105,7 @@ def first_map(tables: Sequence[Table], robot: RobotModel) -> str:
 
 
 def _servos(
-    tables: Sequence[Table], robot: RobotModel, measured: dict[str, str], targets: dict[str, str]
+    tables: Sequence[LogTable], robot: RobotModel, measured: dict[str, str], targets: dict[str, str]
 ) -> list[str]:
     """The joints of an arm by position targets; their unit, if names and values imply it."""
     values = {
@@ -173,7 +173,7 @@ def _line(key: str, name: str, more: str = "", remark: str = "", *, several: boo
     return f"{'# ' if several else ''}{text}{f'  # {remark}' if remark else ''}\n"
 
 
-def _vehicle(tables: Sequence[Table], robot: RobotModel) -> str:
+def _vehicle(tables: Sequence[LogTable], robot: RobotModel) -> str:
     """Pose, velocities and commands of a vehicle."""
     channels = channel_names(tables)
     spatial = robot.system.m == 7

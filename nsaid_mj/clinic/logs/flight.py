@@ -12,8 +12,8 @@ import numpy as np
 
 from ...core import Array
 from ...robots import RobotModel
-from .mapping import Column, Map, Vehicle
-from .tables import Table, channel_names, values_of
+from .mapping import ColumnMap, Map, Vehicle
+from .tables import LogTable, channel_names, values_of
 
 _X = np.array([[1.0, -1.0], [-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0]])
 """Sides of motors 1 to 4, forward and left."""
@@ -70,7 +70,7 @@ _CONTROLLERS = (
 )
 
 
-def flight_map(robot: RobotModel, tables: Sequence[Table]) -> tuple[Map, str] | None:
+def flight_map(robot: RobotModel, tables: Sequence[LogTable]) -> tuple[Map, str] | None:
     """The map of a log with the standard topics, and its assumptions in words.
 
     Velocities are those of the controller's estimator; positions, on which no force depends, are
@@ -85,14 +85,14 @@ def flight_map(robot: RobotModel, tables: Sequence[Table]) -> tuple[Map, str] | 
             motors = [pattern.format(first + i) for i in order or ()]
             if not {*controller.vehicle.columns, *motors} <= names:
                 continue
-            columns = [Column(column=m, ratio=ratio, offset=offset) for m in motors]
+            columns = [ColumnMap(column=m, ratio=ratio, offset=offset) for m in motors]
             remark = "; 1000 to 2000 µs are 0 to 1" if offset else ""
             speeds = _speeds(controller, order or [], tables, names)
             if unusable := _unusable(speeds, robot, tables):
                 remark += f"; the motors' measured speeds ({speeds[0]} …) {unusable}"
             elif speeds:
                 columns = [
-                    Column(
+                    ColumnMap(
                         column=x, unit="rpm", sign=-1 if np.median(values_of(x, tables)) < 0 else 1
                     )
                     for x in speeds  # some controllers count one direction of rotation as negative
@@ -108,7 +108,10 @@ def flight_map(robot: RobotModel, tables: Sequence[Table]) -> tuple[Map, str] | 
 
 
 def _speeds(
-    controller: _Controller, order: Sequence[int], tables: Sequence[Table], names: Collection[str]
+    controller: _Controller,
+    order: Sequence[int],
+    tables: Sequence[LogTable],
+    names: Collection[str],
 ) -> list[str]:
     """The channels of the motors' measured speeds, in rotor order; [] if one is missing."""
     pattern, lowest = controller.functions
@@ -127,7 +130,7 @@ def _speeds(
     return []
 
 
-def _unusable(speeds: Sequence[str], robot: RobotModel, tables: Sequence[Table]) -> str:
+def _unusable(speeds: Sequence[str], robot: RobotModel, tables: Sequence[LogTable]) -> str:
     """Why measured speeds are not used, in words; "" if they are, or if there are none."""
     if not speeds:
         return ""

@@ -13,19 +13,19 @@ from ...core import Array, continuous_signs
 from ...robots import RobotModel
 from . import matching
 from .flight import flight_map
-from .mapping import Column, Map, Quantity, Vehicle, matrix, si
-from .tables import Channel, Table, channel_names
+from .mapping import ColumnMap, Map, Quantity, Vehicle, matrix, si
+from .tables import Channel, LogTable, channel_names
 from .unusable import UnmatchedChannels
 
 _NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # NED to ENU
 _FRD = np.diag([1.0, -1.0, -1.0])  # FRD to FLU
 
 
-class Source(NamedTuple):
+class ChannelSource(NamedTuple):
     """A channel and its conversion to SI: `factor · value`."""
 
     quantity: Quantity  # the measured quantity
-    column: Column  # its entry in the map
+    column: ColumnMap  # its entry in the map
     factor: float  # to SI; `Layout` adds the offset
     angle: bool = False  # whether its values may jump by whole turns
 
@@ -33,16 +33,18 @@ class Source(NamedTuple):
 class Layout(NamedTuple):
     """The channels of a robot's log, in the order of its coordinates."""
 
-    positions: tuple[Source, ...]  # k sources of positions
-    velocities: tuple[Source | None, ...]  # sources of velocities; empty to differentiate positions
-    commands: tuple[Source | None, ...]  # n_u sources of commands; None for passive joints
+    positions: tuple[ChannelSource, ...]  # k sources of positions
+    velocities: tuple[
+        ChannelSource | None, ...
+    ]  # sources of velocities; empty to differentiate positions
+    commands: tuple[ChannelSource | None, ...]  # n_u sources of commands; None for passive joints
     coupling: Array | None = None  # (n, n) joint velocities per motor velocity; None for a vehicle
     torque: Array | None = None  # (n_u, n_u) joint commands per motor command; None for a vehicle
     vehicle: Vehicle | None = None  # form of pose and twist; None for joints or own coordinates
     assumed: str = ""  # assumptions, in words; "" if the map or the names are complete
 
     @property
-    def sources(self) -> tuple[Source, ...]:
+    def sources(self) -> tuple[ChannelSource, ...]:
         """All sources: positions, velocities, commands."""
         return (*self.positions, *filter(None, (*self.velocities, *self.commands)))
 
@@ -99,7 +101,7 @@ def _mixed(raw: Array, matrix: Array | None) -> Array:
 
 
 def layout(
-    mapping: Map | None, robot: RobotModel, tables: Sequence[Table], targets: bool = False
+    mapping: Map | None, robot: RobotModel, tables: Sequence[LogTable], targets: bool = False
 ) -> Layout:
     """The layout of a map, or of channels matched by name if the map lists none.
 
@@ -134,7 +136,9 @@ def layout(
         ),
         tuple(_source("velocity", j.velocity) if j.velocity else None for j in joints),
         tuple(
-            Source("command", c, c.factor("position" if targets else "command")) if c else None
+            ChannelSource("command", c, c.factor("position" if targets else "command"))
+            if c
+            else None
             for c in (j.command for j in joints)
         ),
         np.linalg.inv(matrix("position", mapping.coupling.position, n)),
@@ -143,7 +147,7 @@ def layout(
     return _existing(made, channels)
 
 
-def with_angles(table: Table, robot: RobotModel) -> Table:
+def with_angles(table: LogTable, robot: RobotModel) -> LogTable:
     """A table whose `q_0` … are one angle for each joint, if they were Pinocchio's coordinates.
 
     Other tables are returned as they are. Angles are continued across whole turns.
@@ -165,11 +169,11 @@ def with_angles(table: Table, robot: RobotModel) -> Table:
             first += 1
         angles[f"q_{k}"] = Channel(t, values)
         first += 1
-    return Table(table.source, angles | channels, table.origin, table.findings)
+    return LogTable(table.source, angles | channels, table.origin, table.findings)
 
 
-def _source(quantity: Quantity, column: Column, angle: bool = False) -> Source:
-    return Source(quantity, column, column.factor(quantity), angle)
+def _source(quantity: Quantity, column: ColumnMap, angle: bool = False) -> ChannelSource:
+    return ChannelSource(quantity, column, column.factor(quantity), angle)
 
 
 def _existing(made: Layout, channels: list[str]) -> Layout:
@@ -183,7 +187,7 @@ def _existing(made: Layout, channels: list[str]) -> Layout:
 
 
 def _of_vehicle(
-    mapping: Map, robot: RobotModel, tables: Sequence[Table], channels: list[str]
+    mapping: Map, robot: RobotModel, tables: Sequence[LogTable], channels: list[str]
 ) -> Layout:
     """The layout of a vehicle's pose, twist and commands; without a map, that of our own runs."""
     m = robot.system.m
@@ -195,7 +199,7 @@ def _of_vehicle(
     vehicle = mapping.vehicle
     if vehicle is None:
         widths = {"q": m, "v": n, "u": count}
-        parts = [[Column(column=f"{x}_{k}") for k in range(w)] for x, w in widths.items()]
+        parts = [[ColumnMap(column=f"{x}_{k}") for k in range(w)] for x, w in widths.items()]
         if not {column.column for part in parts for column in part} <= set(channels):
             reason = "The map of a vehicle has [vehicle] and [actuators]."
             raise UnmatchedChannels(["pose, velocities and commands"], [reason], channels)
@@ -209,21 +213,21 @@ def _of_vehicle(
             remedy = f"The actuators are {', '.join(robot.joints)}."
             raise InvalidInput("map: actuators", "one entry for each", f"no {missing[0]}", remedy)
         parts = [
-            [Column(column=name) for name in vehicle.pose],
-            [Column(column=name) for name in twist],
+            [ColumnMap(column=name) for name in vehicle.pose],
+            [ColumnMap(column=name) for name in twist],
             [_relative(actuators[name], robot) for name in plain],
         ]
     velocities = tuple(_source("velocity", c) for c in parts[1]) or (None,) * n
     positions = tuple(_source("position", c) for c in parts[0])
     if vehicle is not None and vehicle.euler is not None:
-        degrees = [Column(column=name, unit="deg") for name in vehicle.euler]
+        degrees = [ColumnMap(column=name, unit="deg") for name in vehicle.euler]
         positions = (*positions[:-3], *(_source("position", c, angle=True) for c in degrees))
     commands = tuple(_source("command", c) for c in parts[2])
     made = Layout(positions, velocities, commands, vehicle=vehicle, assumed=assumed)
     return _existing(made, channels)
 
 
-def _relative(command: Column, robot: RobotModel) -> Column:
+def _relative(command: ColumnMap, robot: RobotModel) -> ColumnMap:
     """A command as a share of its full size: a rotor's measured speed is divided by the top one."""
     if command.unit_as("command") != "rpm" or command.ratio != 1:
         return command

@@ -161,7 +161,7 @@ Four = Annotated[tuple[Name, ...], Field(min_length=4, max_length=4)]
 
 
 @config
-class Column:
+class ColumnMap:
     """A column of a log and its conversion to SI.
 
     Positions and velocities become `sign · value · unit / ratio + offset`, commands
@@ -239,11 +239,11 @@ class Profile:
 class Joint:
     """The columns of one joint."""
 
-    position: Column  # position of the joint, or of its motor (then with `ratio`)
+    position: ColumnMap  # position of the joint, or of its motor (then with `ratio`)
     # current, torque, or any other command or measurement of the actuator; None for a joint that is
     # passive in the model file
-    command: Column | None = None
-    velocity: Column | None = None  # None to differentiate the position
+    command: ColumnMap | None = None
+    velocity: ColumnMap | None = None  # None to differentiate the position
     # rows with a lower speed are not used [rad/s or m/s]; the speed's noise sets another limit, and
     # the higher one applies
     rest: NonNegative = 0.0
@@ -273,7 +273,7 @@ Matrix = Annotated[tuple[tuple[Number, ...], ...], Field(min_length=1)]
 
 
 @config
-class Coupling:
+class MotorCoupling:
     """Joints driven by several motors, as in a wrist. Rows and columns are in the robot's order."""
 
     # (n, n) R with q_motor = R (q − offset); the same for velocities
@@ -321,10 +321,12 @@ class Map:
     files: dict[str, File] = field(default_factory=dict)  # by name of the file
     # by the robot's joint names; empty to match columns by name
     joints: dict[str, Joint] = field(default_factory=dict)
-    coupling: Coupling = field(default_factory=Coupling)  # coupling of the joints with their motors
+    coupling: MotorCoupling = field(
+        default_factory=MotorCoupling
+    )  # coupling of the joints with their motors
     vehicle: Vehicle | None = None  # pose and twist, for a vehicle instead of joints
     # commands of a vehicle by the names of its actuators
-    actuators: dict[str, Column] = field(default_factory=dict)
+    actuators: dict[str, ColumnMap] = field(default_factory=dict)
     hold: Flag = False  # whether a command holds from row to row (True) or is interpolated (False)
     drop_rest: Flag = True  # whether rows at rest are left out of the fit
     # profile of all joints' targets; None for that of the model file

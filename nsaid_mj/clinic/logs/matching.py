@@ -9,7 +9,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 
-from .mapping import FACTORS, Column, Joint, Map, Quantity, of_name
+from .mapping import FACTORS, ColumnMap, Joint, Map, Quantity, of_name
 from .unusable import UnmatchedChannels
 
 
@@ -59,7 +59,7 @@ def match(channels: Sequence[str], joints: Sequence[str], passive: Sequence[str]
     if missing:
         raise UnmatchedChannels(missing, [*reasons, *_fewer(channels, joints)], channels)
     positions, velocities, commands = (
-        {joint: Column(column=channel) for joint, channel in chosen.get(quantity, {}).items()}
+        {joint: ColumnMap(column=channel) for joint, channel in chosen.get(quantity, {}).items()}
         for quantity in WORDS
     )
     each = {j: Joint(positions[j], commands.get(j), velocities.get(j)) for j in joints}

@@ -19,10 +19,10 @@ from .cleaning import (
     moving_part,
     rows_of,
 )
-from .layout import Layout, Source, layout, pose_velocity, with_angles
+from .layout import ChannelSource, Layout, layout, pose_velocity, with_angles
 from .mapping import Map
-from .recordings import Recordings, Segment
-from .tables import Table, join, values_of
+from .recordings import LogSegment, Recordings
+from .tables import LogTable, join, values_of
 from .unusable import UnusableLog
 
 HIGHEST_RATE = 1000.0
@@ -39,7 +39,7 @@ SHORTEST = 0.5
 _MOST = 0.3  # share of rows at a flat extreme above which it is not saturation
 
 
-def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> Recordings:
+def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) -> Recordings:
     """Resamples the logs of a robot to one grid, in the robot's coordinates and SI units.
 
     Files that hold all columns are separate logs; files that hold some are parts of one log, on one
@@ -84,7 +84,7 @@ def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> 
     return Recordings(tuple(segments), rate, made.command_units, tuple(findings))
 
 
-def _cleaned(recordings: list[Table], made: Layout, findings: list[Finding]) -> list[Cleaned]:
+def _cleaned(recordings: list[LogTable], made: Layout, findings: list[Finding]) -> list[Cleaned]:
     """The recordings with numbers in all channels; empties their list."""
     cleaned = []
     while recordings:
@@ -104,7 +104,7 @@ def _cleaned(recordings: list[Table], made: Layout, findings: list[Finding]) -> 
 
 
 def _without_dead_velocities(
-    made: Layout, recordings: Sequence[Table]
+    made: Layout, recordings: Sequence[LogTable]
 ) -> tuple[Layout, list[Finding]]:
     """The layout without velocities whose column is constant or has no numbers."""
     kept = list(made.velocities)
@@ -173,7 +173,7 @@ def _stretches(log: Cleaned, findings: list[Finding]) -> list[tuple[float, float
 
 def _segments(
     log: Cleaned, mapping: Map, robot: RobotModel, rate: float, findings: list[Finding]
-) -> list[Segment]:
+) -> list[LogSegment]:
     """The segments of a log on the grid."""
     made = log.made
     source = log.source
@@ -211,7 +211,7 @@ def _segments(
             findings += cut_rest(log, grid, kept)
         if kept.stop > kept.start:
             rows = rows_of(reference, grid[kept.start], grid[kept.stop - 1])
-            segments.append(Segment(own.part(kept.start, kept.stop), usable[kept], source, rows))
+            segments.append(LogSegment(own.part(kept.start, kept.stop), usable[kept], source, rows))
     if segments and drop_rest:
         findings.append(limits_stated(source, segments, limits, robot.joints))
     return segments
@@ -221,7 +221,7 @@ def _log(grid: Array, log: Cleaned, hold: bool, rate: float) -> Log:
     """q, v and u on a grid."""
     made = log.made
 
-    def on_grid(sources: Sequence[Source | None], held: bool = False) -> Array:
+    def on_grid(sources: Sequence[ChannelSource | None], held: bool = False) -> Array:
         return np.column_stack(
             [signals.resample(log.of(s), grid, held) if s else 0.0 * grid for s in sources]
         )

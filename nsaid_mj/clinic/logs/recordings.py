@@ -11,7 +11,7 @@ from ...core import Log
 from ...robots import RobotModel
 
 
-class Segment(NamedTuple):
+class LogSegment(NamedTuple):
     """A stretch of a log without gaps, resampled to a constant rate."""
 
     # t [s], q, v, u of N samples in the system's own order and units. q are one coordinate for each
@@ -29,7 +29,7 @@ class Segment(NamedTuple):
 class Recordings:
     """All segments of one or more logs, at one rate."""
 
-    segments: tuple[Segment, ...]  # in order of files and time; at least one
+    segments: tuple[LogSegment, ...]  # in order of files and time; at least one
     rate: float  # samples per second
     # (n_u,) unit of each command, such as "A", "N·m" or "" if unknown
     command_units: tuple[str, ...]

@@ -13,7 +13,7 @@ import orjson
 
 from ...base import FRAMES, InvalidInput, check_choice, json_of, shown
 from ...core import Array, Log, Measurement, SecondOrderSystem, Status
-from ...lab import LONGEST_STEP, Segment, Source
+from ...lab import LONGEST_STEP, Source, SourceSegment
 
 """Axes of world and body: east, north, up and forward, left, up, as in the models; or north, east,
 down and forward, right, down."""
@@ -208,7 +208,7 @@ class Stream(Source):
         finally:
             self._stop = True
 
-    def begin(self) -> Segment:
+    def begin(self) -> SourceSegment:
         """Waits for the first sample.
 
         Raises:
@@ -216,11 +216,11 @@ class Stream(Source):
         """
         while not self._over:
             if found := self._next(_WAIT):
-                return Segment(Log.unchecked_of([found[0]]))
+                return SourceSegment(Log.unchecked_of([found[0]]))
         remedy = "Is the sender running, and does it send finite numbers?"
         raise InvalidInput("stream", "samples", "none before its end", remedy)
 
-    def segment(self, last: Measurement, k: int, steps: int, theta_hat: Array) -> Segment:
+    def segment(self, last: Measurement, k: int, steps: int, theta_hat: Array) -> SourceSegment:
         """All samples that have arrived, at most `steps` of them; waits a moment for the first."""
         rows = [last]
         resumed = False
@@ -240,7 +240,7 @@ class Stream(Source):
             rows.append(found[0])
         over = self._over and self._held is None
         end = (Status.completed, "") if over else None
-        return Segment(Log.unchecked_of(rows), resumed, end)
+        return SourceSegment(Log.unchecked_of(rows), resumed, end)
 
     def stop(self) -> None:
         """Ends the stream."""

@@ -31,7 +31,7 @@ class Channel(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Table:
+class LogTable:
     """The content of a log file, or of several that are parts of one log."""
 
     source: str  # name of the file, or of the files
@@ -42,19 +42,19 @@ class Table:
     findings: tuple[Finding, ...] = ()  # about the reading, such as a detected unit of time
 
 
-def channel_names(tables: Sequence[Table]) -> list[str]:
+def channel_names(tables: Sequence[LogTable]) -> list[str]:
     """The names of all channels, each once."""
     return list(dict.fromkeys(name for table in tables for name in table.channels))
 
 
-def values_of(name: str, tables: Sequence[Table]) -> Array:
+def values_of(name: str, tables: Sequence[LogTable]) -> Array:
     """All finite values of a channel."""
     found = [table.channels[name].values for table in tables if name in table.channels]
     values = np.concatenate([np.zeros(0), *found])
     return values[np.isfinite(values)]
 
 
-def read(path: str | os.PathLike[str], time: Time = _FOUND) -> Table:
+def read(path: str | os.PathLike[str], time: Time = _FOUND) -> LogTable:
     """Reads a log file, or the folder of a run or of a ROS 2 bag, of any known format.
 
     The time column is that of `time`, or found by its name, or because it increases.
@@ -93,12 +93,12 @@ def read(path: str | os.PathLike[str], time: Time = _FOUND) -> Table:
     if not channels:
         remedy = "Export positions and commands as numbers, one column for each."
         raise UnreadableLog(file, "there is no column of numbers beside the time", remedy)
-    return Table(printable(file.name), channels, origin, tuple(findings))
+    return LogTable(printable(file.name), channels, origin, tuple(findings))
 
 
 def read_tables(
     paths: Sequence[str | os.PathLike[str]], mapping: Map | None = None
-) -> tuple[Table, ...]:
+) -> tuple[LogTable, ...]:
     """Reads log files, and those of folders; the map may state their time column, unit or rate.
 
     Raises:
@@ -189,8 +189,8 @@ def _unread(file: Path, columns: formats.Columns) -> list[Finding]:
 
 
 def join(
-    tables: Sequence[Table], mapping: Map, wanted: Sequence[str]
-) -> tuple[list[Table], list[Finding]]:
+    tables: Sequence[LogTable], mapping: Map, wanted: Sequence[str]
+) -> tuple[list[LogTable], list[Finding]]:
     """The logs in tables: one for each table with all `wanted` channels, one merged from the rest.
 
     `mapping` has the offsets of the files' clocks.
@@ -212,7 +212,7 @@ def join(
     return found, findings
 
 
-def _shifted(table: Table, mapping: Map, shift: float = 0.0) -> dict[str, Channel]:
+def _shifted(table: LogTable, mapping: Map, shift: float = 0.0) -> dict[str, Channel]:
     """A table's channels, later by its offset in the map and by `shift` [s]."""
     shift += mapping.files[table.source].offset if table.source in mapping.files else 0.0
     if not shift:
@@ -221,7 +221,7 @@ def _shifted(table: Table, mapping: Map, shift: float = 0.0) -> dict[str, Channe
     return {name: Channel(times[id(c.t)], c.values) for name, c in table.channels.items()}
 
 
-def _joined(parts: Sequence[Table], mapping: Map, wanted: Sequence[str]) -> Table:
+def _joined(parts: Sequence[LogTable], mapping: Map, wanted: Sequence[str]) -> LogTable:
     """The channels of several tables on the clock of the first."""
     origin = parts[0].origin
     channels: dict[str, Channel] = {}
@@ -250,4 +250,4 @@ def _joined(parts: Sequence[Table], mapping: Map, wanted: Sequence[str]) -> Tabl
         remedy = "Put them on one clock by an offset in map.toml, as in "
         remedy += f'`[files."{parts[1].source}"]` `offset = {ranges[0][0] - ranges[1][0]:.6g}`.'
         raise InvalidInput(names, "files with a time in common", each, remedy)
-    return Table(names, channels, origin)
+    return LogTable(names, channels, origin)

@@ -19,13 +19,13 @@ from .fit import (
     GRAVITY,
     OFFSET,
     OutputError,
-    Prior,
+    ServoPrior,
     clusters,
     covariance_of,
     minimise,
     zeros,
 )
-from .joint_fits import Arm, Fitted, fit_free, weigh
+from .joint_fits import Arm, JointFits, fit_free, weigh
 from .logs import DELAYS, TRAVEL, ServoLog, ServoLogs, late
 from .simulation import JointLog
 
@@ -100,7 +100,7 @@ class MassScale(NamedTuple):
     deviations: Array  # (3,) standard deviations of the place [m]; 0 where it was known
 
 
-class Estimate(NamedTuple):
+class ArmEstimate(NamedTuple):
     """The estimate of an arm."""
 
     joints: tuple[JointEstimate, ...]  # estimates of all joints, under the masses of the model file
@@ -109,7 +109,7 @@ class Estimate(NamedTuple):
     findings: tuple[Finding, ...] = ()  # effects beyond the servos' equation
 
 
-def estimate(given: ServoLogs, report: Callable[[str], None] = lambda _: None) -> Estimate:
+def estimate(given: ServoLogs, report: Callable[[str], None] = lambda _: None) -> ArmEstimate:
     """Fits every joint alone, masks windows with external forces, and fits again.
 
     Where gravity does not determine kp, it is the geometric mean over the joints where it does, or
@@ -152,14 +152,14 @@ def estimate(given: ServoLogs, report: Callable[[str], None] = lambda _: None) -
             excess = float(np.sum(np.array(sizes, dtype=np.float64)))  # of friction at rest
             one = one.widened(FRICTION, 0.25 * excess)  # half of what it changes with speed
         judged.append(one)
-    return Estimate(_moderated(judged, cluster), fitted.used, None, tuple(effects))
+    return ArmEstimate(_moderated(judged, cluster), fitted.used, None, tuple(effects))
 
 
 def _slides(robot: RobotModel) -> list[bool]:
     return [slides(joint) for joint in moving_joints(robot.model)]
 
 
-def _with_kp(fitted: Fitted, given: ServoLogs, cluster: Indices, zero: Array) -> Mask:
+def _with_kp(fitted: JointFits, given: ServoLogs, cluster: Indices, zero: Array) -> Mask:
     """(n,) joints whose kp gravity determines; in `fitted`, the others are refitted with theirs."""
     fits = fitted.fits
     spread = [covariance_of(fit, cluster, zero[[j]]) for j, fit in enumerate(fits)]
@@ -172,7 +172,7 @@ def _with_kp(fitted: Fitted, given: ServoLogs, cluster: Indices, zero: Array) ->
     known &= _sag(given.logs, x) > _LEAST_SAG * zero
     common = _common(x, known, given.kp)
     for j in np.flatnonzero(~known):
-        prior = Prior(fits[j].prior.mean.copy(), fits[j].prior.deviation.copy())
+        prior = ServoPrior(fits[j].prior.mean.copy(), fits[j].prior.deviation.copy())
         prior.mean[GRAVITY] = common[j]
         prior.deviation[GRAVITY] = 0.0
         fixed = minimise(fits[j].of, fits[j].x, prior)
@@ -207,7 +207,7 @@ def _common(x: Array, known: Mask, kp: Array) -> Array:
     return np.full(len(kp), g.mean()) if len(g) else -np.log(kp)
 
 
-def _with_load(fit: OutputError[Arm], used: Array, given: ServoLogs) -> Estimate:
+def _with_load(fit: OutputError[Arm], used: Array, given: ServoLogs) -> ArmEstimate:
     """The estimate of all joints and of the scale, from their common fit."""
     n = len(given.kp)
     arm = fit.of
@@ -250,7 +250,7 @@ def _with_load(fit: OutputError[Arm], used: Array, given: ServoLogs) -> Estimate
     quantile = spread.quantile(np.eye(len(fit.x))[scale])
     log = float(fit.prior.mean[scale] - fit.x[scale])
     mass = MassScale(log, float(deviation[0]), quantile, fit.x[scale + 1 :], deviation[1:])
-    return Estimate(_moderated(joints, cluster), used, mass)
+    return ArmEstimate(_moderated(joints, cluster), used, mass)
 
 
 def _moderated(joints: Sequence[JointEstimate], cluster: Indices) -> tuple[JointEstimate, ...]:

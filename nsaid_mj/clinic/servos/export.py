@@ -277,13 +277,13 @@ def write_by_toolbox(given: ServoLogs, path: Path, best: bool) -> float:
     Raises:
         NoEstimate: the toolbox is not installed.
     """
-    search = _Search(given, best)
+    search = _ReplaySearch(given, best)
     search.model(search.fitted())
     write_text(path, search.spec.to_xml())
     return search.late
 
 
-class _Search:
+class _ReplaySearch:
     """An arm as a function of (4, n) kp, kv, armature and frictionloss, and its logs."""
 
     def __init__(self, given: ServoLogs, best: bool):

@@ -25,7 +25,7 @@ _WINDOW = 2.0  # in which external forces are detected [s]
 _FAR = 6.0  # residual of such a window over the median one
 
 
-class Prior(NamedTuple):
+class ServoPrior(NamedTuple):
     """Prior knowledge of the parameters."""
 
     mean: Array  # (k,) means of the parameters x, which are logarithms except for a place
@@ -67,7 +67,7 @@ class OutputError(NamedTuple, Generic[_Of]):
     """A fit of simulations to logs."""
 
     of: _Of  # the simulations
-    prior: Prior
+    prior: ServoPrior
     x: Array  # (k,) minimiser; of a joint ln θ̂ of T [s], f [rad], g [rad/(N·m)], a [s²], d [s]
     residual: Array  # (N,) simulated minus measured position [rad or m], all logs in a row
     sigma: float  # robust rms of the residual [rad or m]; the loss is quadratic up to twice that
@@ -115,7 +115,7 @@ class JointFit:
         return np.column_stack(columns)
 
 
-def minimise(of: _Of, x: Array, prior: Prior) -> OutputError[_Of]:
+def minimise(of: _Of, x: Array, prior: ServoPrior) -> OutputError[_Of]:
     """Levenberg–Marquardt on Σ soft-L1(residual), each sample weighted by its share of the time.
 
     It starts from x (k,), of which `prior` is the prior.
@@ -139,7 +139,7 @@ def weights(simulated: Simulated, residual: Array, sigma: float) -> Array:
 
 
 def _descend(
-    simulated: Simulated, x: Array, residual: Array, prior: Prior, sigma: float, damping: float
+    simulated: Simulated, x: Array, residual: Array, prior: ServoPrior, sigma: float, damping: float
 ) -> tuple[Array, Array, float]:
     """x, residual and damping at the minimum of the cost with a given scale of the loss."""
     free = prior.free

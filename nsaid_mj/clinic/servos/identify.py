@@ -15,7 +15,7 @@ from ..identify.links import carrier, check_loads
 from ..identify.loads import Load
 from ..identify.models import load_robot_model
 from ..logs.mapping import Map, read_map
-from ..logs.tables import Table, read_tables
+from ..logs.tables import LogTable, read_tables
 from .estimate import estimate
 from .fit import DELAY
 from .logs import ServoLog, ServoLogs, read_servo_logs, servo_map
@@ -69,7 +69,7 @@ def servo_logs(
 
 def read_servos(
     robot: RobotModel,
-    tables: Sequence[Table],
+    tables: Sequence[LogTable],
     mapping: Map | None = None,
     loads: Sequence[Load] = (),
 ) -> ServoLogs | None:

@@ -27,7 +27,7 @@ from .fit import (
     STEP,
     JointFit,
     OutputError,
-    Prior,
+    ServoPrior,
     minimise,
     undisturbed,
     weights,
@@ -53,7 +53,7 @@ LEAST = (1e-3, 1e-5, 1e-6, 1e-6)
 """Of T, f, g, a: a logarithm needs more than 0."""
 
 
-class Fitted(NamedTuple):
+class JointFits(NamedTuple):
     """Fits of every joint to the free logs."""
 
     logs: list[ServoLog]  # with the loads of their simulated motion
@@ -64,21 +64,21 @@ class Fitted(NamedTuple):
         """The simulation of a joint."""
         return JointFit([log.joint(j) for log in self.logs], self.used)
 
-    def refitted(self, logs: list[ServoLog]) -> Fitted:
+    def refitted(self, logs: list[ServoLog]) -> JointFits:
         """Fits to the logs with other loads or limits."""
         found = self._replace(logs=logs)
         fits = [minimise(found.simulated(j), fit.x, fit.prior) for j, fit in enumerate(self.fits)]
         return found._replace(fits=fits)
 
 
-def fit_free(logs: list[ServoLog], limits: Array, report: Callable[[str], None]) -> Fitted:
+def fit_free(logs: list[ServoLog], limits: Array, report: Callable[[str], None]) -> JointFits:
     """Fits of all joints to the free logs, without windows of external forces.
 
     limits (n,) of the servos' forces [N·m or N] are inf, or those of the model file, which apply
     where the logs show them.
     """
     report("fitting every servo alone")
-    found = Fitted(logs, [], np.ones(sum(len(log.t) for log in logs)))
+    found = JointFits(logs, [], np.ones(sum(len(log.t) for log in logs)))
     for j in range(len(limits)):
         own = found.simulated(j)
         found.fits.append(minimise(own, *alone(own.logs)))
@@ -101,13 +101,13 @@ def fit_free(logs: list[ServoLog], limits: Array, report: Callable[[str], None])
     return found
 
 
-def alone(logs: Sequence[JointLog]) -> tuple[Array, Prior]:
+def alone(logs: Sequence[JointLog]) -> tuple[Array, ServoPrior]:
     """(5,) initial ln θ, and the uninformative prior of a joint."""
     first = np.log(start(logs))
-    return first, Prior(np.r_[first[:3], _critical(first[0]), np.log(_DELAY)], _SPREAD)
+    return first, ServoPrior(np.r_[first[:3], _critical(first[0]), np.log(_DELAY)], _SPREAD)
 
 
-def _alike(found: Fitted) -> Fitted:
+def _alike(found: JointFits) -> JointFits:
     """Priors of T, a and d about the joints' common values.
 
     Slow motion determines only the sum of a joint's T and d, so the other joints serve as prior:
@@ -127,7 +127,7 @@ def _alike(found: Fitted) -> Fitted:
     for fit in found.fits:
         mean = fit.prior.mean.copy()
         mean[[DAMPING, ARMATURE, DELAY]] = T, _critical(T), d
-        fits.append(fit._replace(prior=Prior(mean, deviation)))
+        fits.append(fit._replace(prior=ServoPrior(mean, deviation)))
     return found._replace(fits=fits)
 
 
@@ -136,7 +136,7 @@ def _critical(T: float) -> float:
     return 2 * T - float(np.log(4))
 
 
-def _together(logs: Sequence[ServoLog], found: Fitted) -> Fitted:
+def _together(logs: Sequence[ServoLog], found: JointFits) -> JointFits:
     """The fits with the loads of all joints' simulated motion, until that settles.
 
     The logs are without the loads of accelerations; `found` are fits to start from.
@@ -303,7 +303,7 @@ class Arm:
         return np.hstack(columns)[:, free]
 
 
-def weigh(given: ServoLogs, fitted: Fitted) -> tuple[OutputError[Arm], Array]:
+def weigh(given: ServoLogs, fitted: JointFits) -> tuple[OutputError[Arm], Array]:
     """Fits all joints and the payload to free and loaded logs, again without external forces.
 
     `fitted` are the joints' fits to the free logs. Also returns (N,) 1 of samples in use.
@@ -318,7 +318,7 @@ def weigh(given: ServoLogs, fitted: Fitted) -> tuple[OutputError[Arm], Array]:
     place = np.full(3, 0.0 if known else _REACH)
     spread = np.concatenate([f.prior.deviation for f in fitted.fits] + [[_UNSURE], place])
     x = np.concatenate([f.x for f in fitted.fits] + [mean[-4:]])
-    prior = Prior(mean, spread)
+    prior = ServoPrior(mean, spread)
     sigma = np.array([f.sigma for f in fitted.fits])
     arm = Arm(given.robot, logs, load, sigma, used)
     fit = minimise(arm, x, prior)

@@ -18,9 +18,9 @@ from ..logs.checks import beyond_limits
 from ..logs.cleaning import clean
 from ..logs.formats.run import FOLLOWED
 from ..logs.layout import Layout, layout
-from ..logs.mapping import Column, Joint, Map
+from ..logs.mapping import ColumnMap, Joint, Map
 from ..logs.matching import candidates, lacking_targets, match_targets
-from ..logs.tables import Table, join
+from ..logs.tables import LogTable, join
 from ..logs.unusable import UnmatchedChannels, UnusableLog
 from .simulation import STEP, JointLog, move_arm
 
@@ -77,7 +77,7 @@ class ServoLogs(NamedTuple):
 
 
 def servo_map(
-    tables: Sequence[Table], mapping: Map | None, joints: Sequence[str]
+    tables: Sequence[LogTable], mapping: Map | None, joints: Sequence[str]
 ) -> dict[str, Joint] | None:
     """Position and target columns of every joint; None if the log holds no targets.
 
@@ -104,7 +104,7 @@ def servo_map(
         return None
     return {
         joint: Joint(
-            position=Column(column=measured[0][joint]), command=Column(column=targets[joint])
+            position=ColumnMap(column=measured[0][joint]), command=ColumnMap(column=targets[joint])
         )
         for joint in joints
     }
@@ -116,7 +116,7 @@ def _torques(commands: dict[str, dict[str, str]], targets: dict[str, str]) -> bo
 
 def read_servo_logs(
     robot: RobotModel,
-    tables: Sequence[Table],
+    tables: Sequence[LogTable],
     columns: dict[str, Joint],
     mapping: Map | None,
     carrying: Container[str] = (),
@@ -182,7 +182,7 @@ def _motionless(logs: Sequence[ServoLog]) -> tuple[Finding, ...]:
 
 
 def _stretches(
-    recording: Table, made: Layout, servos: Servos
+    recording: LogTable, made: Layout, servos: Servos
 ) -> tuple[list[ServoLog], tuple[Finding, ...]]:
     """The stretches of a recording between gaps, not yet weighed, at the first position's times."""
     found, findings = clean(recording, made)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..parameters import Array, ParameterSpace
-from .descent import Cost
+from .descent import ConeFunction
 from .gramians import Means
 from .matrices import common_root
 
@@ -198,7 +198,7 @@ class Posterior:
     The quotient's levels are λ, and its weights the numbers of rows N_i.
     """
 
-    def __init__(self, quotient: Quotient, prior: Cost):
+    def __init__(self, quotient: Quotient, prior: ConeFunction):
         self.quotient = quotient
         self.prior = prior
         self.length = prior.length

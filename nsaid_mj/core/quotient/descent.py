@@ -8,7 +8,7 @@ from ..parameters import Array
 from .matrices import solve
 
 
-class Cost(Protocol):
+class ConeFunction(Protocol):
     """A function on the cone, with the metric in which steps are measured."""
 
     def value(self, theta: Array) -> float:
@@ -24,7 +24,7 @@ class Cost(Protocol):
         ...
 
 
-class Objective(Cost, Protocol):
+class Objective(ConeFunction, Protocol):
     """The function to minimise."""
 
     def gradient(self, theta: Array) -> Array:

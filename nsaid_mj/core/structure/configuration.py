@@ -29,7 +29,7 @@ UNITS = {
 _CACHED = 2**16  # numbers of the states of a motion that stay in a processor's cache
 
 
-class _Memory(threading.local):
+class _ThreadWorkspace(threading.local):
     """The workspaces of each thread."""
 
     def __init__(self, structure: Structure):
@@ -37,8 +37,8 @@ class _Memory(threading.local):
         self.state = own.state
         self.F = own.F
 
-    def __reduce__(self) -> tuple[type[_Memory], tuple[Structure]]:
-        return _Memory, (self.structure,)  # another process has threads of its own
+    def __reduce__(self) -> tuple[type[_ThreadWorkspace], tuple[Structure]]:
+        return _ThreadWorkspace, (self.structure,)  # another process has threads of its own
 
 
 class StructuredKinematics:
@@ -61,7 +61,7 @@ class StructuredKinematics:
         self.m = structure.m
         self.n_u = structure.n_u
         self.velocity_units: tuple[str, ...] = sum((UNITS[b.joint] for b in structure.bodies), ())
-        self._memory, self._still = _Memory(structure), np.zeros(structure.n)
+        self._memory, self._still = _ThreadWorkspace(structure), np.zeros(structure.n)
         self.motion_steps = max(64, min(500, _CACHED // len(self._memory.state)))
 
     def columns(self, kind: str) -> list[Column]:

@@ -1,7 +1,7 @@
 """Established identification methods, for comparison on identical logs."""
 
-from .base import Estimate as Estimate
 from .base import Method as Method
+from .base import MethodEstimate as MethodEstimate
 from .base import Problem as Problem
 from .base import follow as follow
 from .least_squares import ordinary, practitioners, total

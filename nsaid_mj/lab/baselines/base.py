@@ -16,18 +16,18 @@ class Problem(NamedTuple):
     noise: SensorLevels = EXACT  # standard deviations of the sensors, as stated by their data sheet
 
 
-class Estimate(NamedTuple):
+class MethodEstimate(NamedTuple):
     """The result of a method."""
 
     theta: Array  # (p,) the estimate θ̂
     note: str = ""  # settings that the method chose from the data, in words
 
 
-Method = Callable[[Problem], Estimate]
+Method = Callable[[Problem], MethodEstimate]
 """A method raises an `NsaidError` if it finds no estimate."""
 
 
-def follow(identifier: Identifier, problem: Problem) -> Estimate:
+def follow(identifier: Identifier, problem: Problem) -> MethodEstimate:
     """An identifier's final estimate, from its own prior and the log alone.
 
     Raises:
@@ -38,4 +38,4 @@ def follow(identifier: Identifier, problem: Problem) -> Estimate:
     if state.status is not Status.completed:
         failed = log.t[len(made.pivot)]
         raise NoEstimate(f"{state.status.words} at t = {failed:.4g} s", state.status.remedy)
-    return Estimate(state.theta_hat)
+    return MethodEstimate(state.theta_hat)

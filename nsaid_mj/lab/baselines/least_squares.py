@@ -24,7 +24,7 @@ from ...core import (
     symmetric,
     zero_phase,
 )
-from .base import Estimate, Problem
+from .base import MethodEstimate, Problem
 
 
 def smoothed(system: SecondOrderSystem, log: Log, cutoff: float) -> Log:
@@ -127,11 +127,11 @@ _RULES = Rules(steps=12, halvings=8, done=0.0, fall=1e-2, reach=np.inf)
 _IDLE = 1e-9  # ratio of actuator columns to row below which the velocity is not actuated
 
 
-def ordinary(problem: Problem) -> Estimate:
+def ordinary(problem: Problem) -> MethodEstimate:
     """Least squares on raw central differences: min ‖W θ‖² with equal weights."""
     gauge = Gauge(problem.system, problem.prior)
     factors = condense(central_rows(problem.system, problem.log))
-    return Estimate(gauge.scale * gauge.solve(factors.reshape(-1, problem.system.p)))
+    return MethodEstimate(gauge.scale * gauge.solve(factors.reshape(-1, problem.system.p)))
 
 
 def weighted(gauge: Gauge, W: Array) -> Array:
@@ -175,7 +175,7 @@ class _Near:
         return 1.0
 
 
-def practitioners(problem: Problem) -> Estimate:
+def practitioners(problem: Problem) -> MethodEstimate:
     """Filtered weighted least squares with a cut-off chosen by cross-validation.
 
     q and v pass through a zero-phase Butterworth filter, and v̇ is the central difference of v. All
@@ -188,7 +188,7 @@ def practitioners(problem: Problem) -> Estimate:
     W, rate, cutoff = filtered(problem)
     gauge = Gauge(problem.system, problem.prior)
     theta_s = weighted(gauge, low_passed(W, rate, cutoff))
-    return Estimate(gauge.scale * theta_s, f"cut-off {cutoff:.3g} Hz")
+    return MethodEstimate(gauge.scale * theta_s, f"cut-off {cutoff:.3g} Hz")
 
 
 def filtered(problem: Problem) -> tuple[Array, float, float]:
@@ -291,7 +291,7 @@ def window(log: Log) -> int:
     return width
 
 
-def total(problem: Problem) -> Estimate:
+def total(problem: Problem) -> MethodEstimate:
     """θ/scale along the smallest right singular vector of W·diag(scale).
 
     This is consistent only if the noise of all columns has the same variance, which does not hold
@@ -316,4 +316,4 @@ def total(problem: Problem) -> Estimate:
     if not abs(gains) > TOLERANCE:
         raise NoEstimate("the gains in the smallest singular vector sum to 0", "Record longer.")
     theta_s = rest + shortest * (gauge.normal @ (gauge.start - rest)) / gains
-    return Estimate(gauge.scale * theta_s, f"cut-off {cutoff:.3g} Hz")
+    return MethodEstimate(gauge.scale * theta_s, f"cut-off {cutoff:.3g} Hz")

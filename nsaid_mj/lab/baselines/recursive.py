@@ -7,7 +7,7 @@ from scipy import signal
 
 from ...base import NoEstimate
 from ...core import Array, Log, SecondOrderSystem, SensorLevels
-from .base import Estimate, Problem
+from .base import MethodEstimate, Problem
 from .least_squares import central_rows, window
 
 _SPREAD = 0.3  # standard deviation of the prior, in θ/scale
@@ -17,7 +17,7 @@ _EXACT = 1e-4  # standard deviation assumed for exact velocities, relative to th
 _CURVATURE = 1e-6  # step of the finite differences of v̇ along v, relative to the rms of v
 
 
-def normalised(problem: Problem) -> Estimate:
+def normalised(problem: Problem) -> MethodEstimate:
     """Recursive least squares on the normalised form (17): W θ/k₁ = 0 with the first gain known.
 
     Rows come from central differences. If velocity noise is stated, all columns first pass through
@@ -54,7 +54,7 @@ def normalised(problem: Problem) -> Estimate:
         P = 0.5 * (P + P.T)
     theta_s = start.copy()
     theta_s[free] = phi
-    return Estimate(scale * theta_s, note)
+    return MethodEstimate(scale * theta_s, note)
 
 
 def _filtered(sections: Any, x: Array) -> Array:
@@ -76,7 +76,7 @@ def _acceleration_noise(
     return row * noise.velocity * np.linalg.norm(difference)
 
 
-def kalman(problem: Problem) -> Estimate:
+def kalman(problem: Problem) -> MethodEstimate:
     """Extended Kalman filter with state (v, θ/scale) and measurement v; v̇ of (29), θ̇ = 0.
 
     Measured positions are used as they are. As W θ = M v̇ + … = 0, ∂v̇/∂θ = −M⁻¹ W; ∂v̇/∂v is
@@ -128,4 +128,4 @@ def kalman(problem: Problem) -> Estimate:
         theta_s = theta_s + move[n:]
         P = P - gain @ P[:n]
         P = 0.5 * (P + P.T)
-    return Estimate(scale * theta_s)
+    return MethodEstimate(scale * theta_s)

@@ -71,7 +71,7 @@ def sysid(
     chunks = [c for each in (log, *further) for c in model.chunks(each, noise.exact)]
     if not chunks:
         raise NoEstimate(f"the log is shorter than a chunk of {_CHUNK:g} s", "Record longer.")
-    search = _Search(own, model, chunks, time.process_time() + budget)
+    search = _TimedSearch(own, model, chunks, time.process_time() + budget)
     with quiet(), installed(_friction().ctypes):
         ending = search()
     evaluations = f"{search.evaluations} models, {len(chunks)} chunks"
@@ -91,7 +91,7 @@ def toolbox() -> Any:
     return mujoco.sysid
 
 
-class _Search:
+class _TimedSearch:
     """The toolbox's optimiser with a time limit; keeps the best candidate."""
 
     def __init__(self, toolbox: Any, model: _Model, chunks: list[Any], deadline: float):

@@ -24,7 +24,7 @@ def follow(
     return ComputedTorque(system, prior, series, omega, limit * system.scales.command)
 
 
-class Follower(CompiledDriver):
+class SeriesFollower(CompiledDriver):
     """A driver that begins where a series does."""
 
     def __init__(self, series: Series):
@@ -42,7 +42,7 @@ class Follower(CompiledDriver):
         return position, velocity
 
 
-class Targets(Follower):
+class Targets(SeriesFollower):
     """The desired motion itself, as targets of the position servos of the joints `driven` (d,)."""
 
     def __init__(self, series: Series, driven: Indices):
@@ -58,7 +58,7 @@ class Targets(Follower):
         return np.array([self.desired(each)[0, self._driven] for each in t])
 
 
-class ComputedTorque(Follower):
+class ComputedTorque(SeriesFollower):
     """u = K̂₀⁻¹ [W_M(a) + W_C(v) − F(u = 0)] θ̂₀ with a = a_d + 2ω ė + ω² e, limited.
 
     It is for an arm on a fixed base. prior (p,) is θ̂₀, `series` the desired motion, `omega` the

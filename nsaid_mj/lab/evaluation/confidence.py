@@ -19,7 +19,7 @@ _FIXED = 1e-6  # share of a combination along P_s(θ̂) below which the motion d
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownDirections:
     """The observable directions, the most accurately known first."""
 
     directions: Array  # (k, p) orthonormal basis of P_⊥, in θ/scale
@@ -87,7 +87,7 @@ def determined(
 
 def known(
     confidence: Confidence, theta_hat: Array, nullspace: Nullspace, space: ParameterSpace
-) -> Known:
+) -> KnownDirections:
     """Decomposes the covariance of an estimate θ̂ (p,) along the observable directions there."""
     basis = nullspace.P_perp
     size = float(np.linalg.norm(theta_hat / space.scale))
@@ -95,7 +95,7 @@ def known(
     covariance, prior = (basis.T @ (part / scales) @ basis for part in confidence[:2])
     variance, vectors = scipy.linalg.eigh(covariance)
     before = np.einsum("ik,ij,jk->k", vectors, prior, vectors)
-    return Known(
+    return KnownDirections(
         (basis @ vectors).T,
         np.sqrt(np.maximum(variance, 0.0)) / size,
         variance > _BELOW**2 * before,

@@ -230,7 +230,7 @@ def residual_floor(system: SecondOrderSystem, W: Array | None) -> float | None:
     return float(np.linalg.svd(np.linalg.solve(R.T, left.T), compute_uv=False)[-1])
 
 
-class Forces(NamedTuple):
+class ForceBalance(NamedTuple):
     """The two sides of W θ̂ = 0 along k samples of a trajectory."""
 
     t: Array  # (k,) times [s]
@@ -269,7 +269,7 @@ def common_factor(theta: Array, true: Array, scale: Array, actuators: Indices) -
     return np.where(usual, 1 / np.where(usual, mean, 1.0), found)
 
 
-def forces_of(run: Run, truth: Truth | None) -> Forces | None:
+def forces_of(run: Run, truth: Truth | None) -> ForceBalance | None:
     """The forces on the held-out trajectory or, without a truth, over the run's last tenth.
 
     With a truth, θ̂ is multiplied by the `common_factor`. None if there is no such trajectory, or if
@@ -299,4 +299,4 @@ def forces_of(run: Run, truth: Truth | None) -> Forces | None:
         spread = (W * scale) @ (found.directions.T * found.deviation)
         half = INTERVAL * np.linalg.norm(spread, axis=-1) * float(np.linalg.norm(theta / scale))
         half *= abs(factor)
-    return Forces(t, -factor * given, factor * (W @ theta - given), half)
+    return ForceBalance(t, -factor * given, factor * (W @ theta - given), half)

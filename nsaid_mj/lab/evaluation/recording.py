@@ -53,7 +53,7 @@ def write_run_recording(
         checks: of the paper's statements, for a separate page.
     """
     lines = lines_of(result.curves)
-    robot = Robot(run, truth)
+    robot = RobotDrawing(run, truth)
     name = run.folder.resolve().name
     documents = {
         "result": markdown(brief(name, result)),
@@ -84,7 +84,7 @@ _MARK = 0.1  # radius of a fault's marker, over half the vehicle's size
 _ELLIPSOIDS = 300  # estimates of the links' inertias along a run, at most
 
 
-class Robot:
+class RobotDrawing:
     """Draws the robot of a finished run.
 
     Args:

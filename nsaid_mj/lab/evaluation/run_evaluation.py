@@ -34,7 +34,7 @@ from .statistics import (
     KnownParameter,
     LawUsed,
     Origin,
-    Rival,
+    RivalStatistics,
     RunCost,
     RunEnding,
     StatedConfidence,
@@ -133,8 +133,8 @@ def _dimensions(run: Run, nullspace: Nullspace) -> Dimensions:
     )
 
 
-def _rival(run: Run, name: str, truth: Truth | None) -> Rival:
-    return Rival(**vars(judge(run, name, truth)), status=run.statuses[name].words)
+def _rival(run: Run, name: str, truth: Truth | None) -> RivalStatistics:
+    return RivalStatistics(**vars(judge(run, name, truth)), status=run.statuses[name].words)
 
 
 def _theory(run: Run, truth: Truth | None) -> Theory:

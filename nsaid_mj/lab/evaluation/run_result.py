@@ -22,7 +22,7 @@ from .statistics import (
     Excitation,
     LawUsed,
     Origin,
-    Rival,
+    RivalStatistics,
     RunCost,
     RunEnding,
     StatedConfidence,
@@ -92,7 +92,7 @@ class RunResult(Result):
     theory: Theory = field(default_factory=Theory)
     excitation: Excitation = field(default_factory=Excitation)
     definiteness: Definiteness = field(default_factory=Definiteness)
-    rivals: Mapping[str, Rival] = field(default_factory=dict)
+    rivals: Mapping[str, RivalStatistics] = field(default_factory=dict)
     misfit: Misfit | None = None
     confidence: StatedConfidence | None = None
     estimates: tuple[Estimated, ...] = ()

@@ -106,7 +106,7 @@ class Accuracy:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rival(Accuracy):
+class RivalStatistics(Accuracy):
     """How good the last estimate of another identifier of the same run is.
 
     Attributes:

@@ -26,7 +26,7 @@ from .statistics import (
     Excitation,
     LawUsed,
     Origin,
-    Rival,
+    RivalStatistics,
     RunCost,
     RunEnding,
     StatedConfidence,
@@ -237,9 +237,9 @@ class _Reader:
         own = {f.name: self._found[f.name] for f in fields(kind) if f.name in self._found}
         return _with_undefined(self._checked(own, kind, ()), own)
 
-    def rivals(self) -> dict[str, Rival]:
+    def rivals(self) -> dict[str, RivalStatistics]:
         """How good the last estimates of the other identifiers are."""
-        found = self.value("rivals", dict[str, Rival])
+        found = self.value("rivals", dict[str, RivalStatistics])
         given = self._found["rivals"]
         return {name: _with_undefined(rival, given[name]) for name, rival in found.items()}
 

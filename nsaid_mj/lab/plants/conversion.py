@@ -30,7 +30,7 @@ from .world.blueprint import Blueprint as Blueprint
 from .world.blueprint import Fluid as Fluid
 from .world.blueprint import VehicleSheet as VehicleSheet
 from .world.body import NED as NED
-from .world.body import Inertia as Inertia
+from .world.body import BodyInertia as BodyInertia
 from .world.body import hidden as hidden
 from .world.sheet import Guess as Guess
 from .world.sheet import Negative as Negative
@@ -38,7 +38,7 @@ from .world.sheet import NotNegative as NotNegative
 from .world.sheet import Number as Number
 from .world.sheet import Place as Place
 from .world.sheet import Positive as Positive
-from .world.sheet import Table as Table
+from .world.sheet import SheetTable as SheetTable
 from .world.sheet import check_directions as check_directions
 from .world.sheet import check_inertia as check_inertia
 from .world.sheet import one as one

@@ -13,7 +13,7 @@ import numpy as np
 from ...base import Name, NonNegative, Positive, Share, UnknownName, config
 from ...core import GRAVITY, Actuator
 from ...robots import BadRobot, published_numbers
-from .world.config import Known, KnownPlant, PlantConfig
+from .world.config import KnownPlant, PlantConfig, PublishedRobot
 
 if TYPE_CHECKING:
     from ...core import Array
@@ -71,7 +71,7 @@ class ArmPlant(KnownPlant):
     _base: ClassVar[Literal["held", "free"]] = "held"
     _refuses: ClassVar[tuple[str, ...]] = ("an arm in air", "flow", "fluid")
 
-    def _published(self) -> Known:
+    def _published(self) -> PublishedRobot:
         """The robot's description and structure; θ of its file and data sheet.
 
         Raises:
@@ -108,9 +108,9 @@ class ArmPlant(KnownPlant):
         system = structure(robot.model, nominal, speed)
         joints = [block.name for block in system.space.blocks if block.geometry == "positive"]
         unsure = [(name, 1.0) for name in joints]
-        return Known(robot, system, published_theta(robot.model, system), unsure)
+        return PublishedRobot(robot, system, published_theta(robot.model, system), unsure)
 
-    def _made(self, known: Known, dt: float, theta: Array) -> SimulatedRobot:
+    def _made(self, known: PublishedRobot, dt: float, theta: Array) -> SimulatedRobot:
         """Makes the plant, and compares MuJoCo with Pinocchio.
 
         Raises:
@@ -178,7 +178,7 @@ class FlyingArmPlant(KnownPlant):
     robot: Name = "borinot"
     spread: Share = 0.2
 
-    def _published(self) -> Known:
+    def _published(self) -> PublishedRobot:
         """The robot's description, its structure, and its published or nominal θ.
 
         Raises:
@@ -200,9 +200,9 @@ class FlyingArmPlant(KnownPlant):
         theta = published_theta(robot.model, system)
         count = len(d["spins"])
         theta[-2 * count :] = np.repeat([d["thrust"], d["torque"]], count)
-        return Known(robot, system, theta, _UNSURE)
+        return PublishedRobot(robot, system, theta, _UNSURE)
 
-    def _made(self, known: Known, dt: float, theta: Array) -> SimulatedRobot:
+    def _made(self, known: PublishedRobot, dt: float, theta: Array) -> SimulatedRobot:
         from ...robots import tree_spec
         from .arm import give_rotors, true_model
         from .world.body import command_inputs
@@ -235,12 +235,12 @@ class UvmsPlant(KnownPlant):
 
     spread: Share = 0.2
 
-    def _published(self) -> Known:
+    def _published(self) -> PublishedRobot:
         from .uvms import uvms
 
         return uvms()
 
-    def _made(self, known: Known, dt: float, theta: Array) -> SimulatedRobot:
+    def _made(self, known: PublishedRobot, dt: float, theta: Array) -> SimulatedRobot:
         """See `Blueprint.split` for how M of the base is divided into rigid-body and added mass."""
         from ...robots import set_inertias, tree_spec
         from .arm import give_rotors

@@ -19,20 +19,20 @@ from ...core import (
     term,
 )
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
-from .world.body import Inertia
+from .world.body import BodyInertia
 from .world.sheet import (
     LARGEST,
     NotNegative,
     Number,
     Positive,
-    Table,
+    SheetTable,
     check_inertia,
     one,
     several,
 )
 
 
-class ColumnRow(Table):
+class ColumnRow(SheetTable):
     """A table [[column]]; the other keys are the constants of its kind."""
 
     model_config = ConfigDict(extra="allow", strict=True, frozen=True, allow_inf_nan=False)
@@ -137,7 +137,7 @@ class ListedSheet(VehicleSheet):
         """
         from ...core import LEVEL
 
-        rigid = Inertia(self.mass, np.array(self.centre), np.diag(self.inertia)).matrix()
+        rigid = BodyInertia(self.mass, np.array(self.centre), np.diag(self.inertia)).matrix()
         axes = list(LEVEL if self.plane else range(6))
         added = None
         if self.plane or self.added_mass is not None:

@@ -26,9 +26,9 @@ from ...core import (
 from ...robots import published_numbers, vehicle_files
 from .arm import extent
 from .world.blueprint import sheet_of
-from .world.body import Inertia as RigidBody
+from .world.body import BodyInertia as RigidBody
 from .world.body import vehicle_spec
-from .world.config import Known
+from .world.config import PublishedRobot
 
 BASE = "base"
 """Name of the free joint and of the base body."""
@@ -53,7 +53,7 @@ _UNSURE = (
 )
 
 
-def uvms() -> Known:
+def uvms() -> PublishedRobot:
     """The structure of the vehicle with its arm, its base alone, and the published θ (p,).
 
     θ = [base's M with its added mass (21), links (10 k), links' added mass (k), joints, linear drag
@@ -104,7 +104,7 @@ def uvms() -> Known:
     beyond = [each.nominal for each in terms]
     theta = np.concatenate([base.theta[:21], *inertial, links.added, *on_joints, *beyond])
     unsure = [(name, 1.0) for name in _UNSURE]
-    return Known(base, CompiledMultibody(model, joints, speed, carrier), theta, unsure)
+    return PublishedRobot(base, CompiledMultibody(model, joints, speed, carrier), theta, unsure)
 
 
 class Cylinders(NamedTuple):

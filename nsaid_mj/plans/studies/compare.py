@@ -27,9 +27,9 @@ from ...core import EXACT, ConventionalAID, IdentifierConfig, Log, NullspaceAID
 from ...lab import (
     BATCH,
     BUDGET,
-    Estimate,
     Judge,
     Method,
+    MethodEstimate,
     Problem,
     Scenario,
     Setup,
@@ -139,7 +139,7 @@ def compare(study: Study, report: Callable[[str], object] = lambda _: None) -> I
             report(f"seed {seed}, {sensors(noise)}: driving the plant")
             names = compared_at(study, noise)
             try:
-                world = World(study, seed, noise)
+                world = ComparedPlant(study, seed, noise)
             except NsaidError as error:
                 for duration in study.vary["duration"]:
                     for name in names:
@@ -154,7 +154,7 @@ def compare(study: Study, report: Callable[[str], object] = lambda _: None) -> I
                     yield world.row(name, duration)
 
 
-class World:
+class ComparedPlant:
     """The log of one plant, the methods, and the truth for their evaluation.
 
     Raises:
@@ -177,8 +177,8 @@ class World:
         self._methods: dict[str, Method] = {
             **{name: partial(follow, i) for name, i in identifiers.items() if name},
             **{name: method for name, method in BATCH.items() if name in study.vary["method"]},
-            PRIOR: lambda problem: Estimate(problem.prior),
-            "sysid": lambda problem: Estimate(*sysid(problem, study.settings["budget"])),
+            PRIOR: lambda problem: MethodEstimate(problem.prior),
+            "sysid": lambda problem: MethodEstimate(*sysid(problem, study.settings["budget"])),
         }
 
     def warm_up(self) -> None:
@@ -250,7 +250,7 @@ def _scenario(study: Study, seed: int, noise: float) -> Scenario:
     )
 
 
-def _attempt(method: Method, problem: Problem) -> tuple[Estimate | None, str]:
+def _attempt(method: Method, problem: Problem) -> tuple[MethodEstimate | None, str]:
     """A method's estimate and "", or None and the reason of the failure."""
     try:
         with np.errstate(all="ignore"):  # estimates that are not finite are handled below

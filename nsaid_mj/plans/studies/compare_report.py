@@ -31,7 +31,7 @@ from ...report import (
     png_of,
 )
 from ...report import Cell as Written
-from .runs import Group, Runs, digits
+from .runs import RunGroup, Runs, digits
 from .study import Row, repeated
 from .study_page import study_page
 
@@ -106,7 +106,7 @@ def runs_of(folder: Path, manifest: dict[str, Any], rows: list[Row]) -> Runs:
     return Runs(folder, manifest | {"vary": vary}, rows)
 
 
-def groups_of(runs: Runs) -> list[Group]:
+def groups_of(runs: Runs) -> list[RunGroup]:
     """The runs of every method on all logs of one noise and length; a failed seed is infinite."""
     return [group for group in runs.by(*VARIED) if group.rows]
 
@@ -116,22 +116,22 @@ def sensors(noise: float) -> str:
     return "exact sensors" if noise == 0 else f"{noise:g} × noise"
 
 
-def log_of(group: Group) -> str:
+def log_of(group: RunGroup) -> str:
     """The logs of a group, in words."""
     return f"{sensors(group.values['noise'])}, {group.values['duration']:g} s"
 
 
-def several(group: Group) -> bool:
+def several(group: RunGroup) -> bool:
     """Whether there are several seeds."""
     return len(group.rows) > 1
 
 
-def method_of(group: Group) -> str:
+def method_of(group: RunGroup) -> str:
     """The name of the method of a group."""
     return group.values["method"]
 
 
-def is_rival(group: Group) -> bool:
+def is_rival(group: RunGroup) -> bool:
     """Whether a group is of a method, not of the prior or the bound."""
     return method_of(group) not in _REFERENCES
 
@@ -195,7 +195,7 @@ def result_of(runs: Runs) -> Result:
     )
 
 
-def log_key(group: Group) -> tuple[float, float]:
+def log_key(group: RunGroup) -> tuple[float, float]:
     """Noise and length of the logs of a group."""
     return group.values["noise"], group.values["duration"]
 
@@ -247,7 +247,7 @@ def _command(manifest: dict[str, Any]) -> str:
     return repeated("compare", manifest, flags) + " --bound" * manifest["bound"]
 
 
-def _figures(group: Group, bound: Group | None) -> list[str]:
+def _figures(group: RunGroup, bound: RunGroup | None) -> list[str]:
     """Median, worst in brackets if there are several seeds, and the multiple of the bound."""
     cells = []
     for _, key in FIGURES:
@@ -259,7 +259,7 @@ def _figures(group: Group, bound: Group | None) -> list[str]:
     return cells
 
 
-def over_bound(group: Group, bound: Group | None, key: str) -> float | None:
+def over_bound(group: RunGroup, bound: RunGroup | None, key: str) -> float | None:
     """A method's median figure over that of the Cramér–Rao bound of the same logs, if there is."""
     least = bound.median(key) if bound is not None and is_rival(group) else 0.0
     return group.median(key) / least if 0 < least < np.inf else None
@@ -303,8 +303,8 @@ def lines(runs: Runs) -> dict[str, dict[str, Panels]]:
     shown = [(label, key) for label, key in _SHOWN if any(g.median(key) for g in groups)]
 
     def line(
-        chosen: list[Group],
-        abscissa: Callable[[Group], float],
+        chosen: list[RunGroup],
+        abscissa: Callable[[RunGroup], float],
         name: str,
         ticks: Mapping[float, str] | None = None,
     ) -> Panels:
@@ -373,9 +373,9 @@ def figures(drawn: Mapping[str, Mapping[str, Panels]]) -> list[Figure]:
 
 
 def _curves(
-    chosen: list[Group],
+    chosen: list[RunGroup],
     key: str,
-    abscissa: Callable[[Group], float],
+    abscissa: Callable[[RunGroup], float],
     name: str,
     ticks: Mapping[float, str],
     axis: Any,

@@ -89,7 +89,7 @@ def montecarlo_plan(
 
 
 @dataclass(eq=False)
-class Course:
+class DrawnMotion:
     """The simulated motion of one plant, and its truth, which is read only after identification.
 
     The log ends with the first measurement that is not finite; status and time [s] say how.
@@ -114,7 +114,7 @@ class Course:
 
 def simulate(
     scenarios: Sequence[Scenario], pool: Executor, stopped: threading.Event | None = None
-) -> list[Course]:
+) -> list[DrawnMotion]:
     """Builds and drives every scenario's plant, with results identical to those of a run.
 
     Compiled drives in threads give the same bits as sequential ones, with feedback too.
@@ -132,7 +132,7 @@ def simulate(
     return courses
 
 
-def _driven(setups: Sequence[Setup], pool: Executor, stopped: threading.Event) -> list[Course]:
+def _driven(setups: Sequence[Setup], pool: Executor, stopped: threading.Event) -> list[DrawnMotion]:
     """Drives running plants in parallel; after Ctrl-C, returns only when all have stopped."""
     futures = [pool.submit(_drive, setup, stopped) for setup in setups]
     try:
@@ -144,13 +144,13 @@ def _driven(setups: Sequence[Setup], pool: Executor, stopped: threading.Event) -
         wait(futures)
 
 
-def _drive(setup: Setup, stopped: threading.Event) -> Course:
+def _drive(setup: Setup, stopped: threading.Event) -> DrawnMotion:
     """Drives a running plant for the scenario's duration, or until `stopped`."""
     log = setup.simulate(partial(_check, stopped))
     end = ended(setup.plant, log.at(-1))
     status = end[0] if end else Status.completed
     time = float(log.t[-1])
-    return Course(setup, log.first(len(log.t) - bool(end)), status, time)
+    return DrawnMotion(setup, log.first(len(log.t) - bool(end)), status, time)
 
 
 # -- identification --------------------------------------------------------------------------------
@@ -173,7 +173,7 @@ class Draw:
 
 
 def identify(
-    course: Course, draws: Sequence[tuple[int, Scenario]], seen: Seen = float
+    course: DrawnMotion, draws: Sequence[tuple[int, Scenario]], seen: Seen = float
 ) -> list[Row]:
     """Identifies from the prior of every draw along a course's log, and judges the last estimates.
 
@@ -187,7 +187,7 @@ def identify(
     return [_row(*draw, course, run, cost) for draw, run in zip(draws, runs, strict=True)]
 
 
-def follow(course: Course, scenarios: Sequence[Scenario], seen: Seen = float) -> list[Draw]:
+def follow(course: DrawnMotion, scenarios: Sequence[Scenario], seen: Seen = float) -> list[Draw]:
     """Runs the identifiers of scenarios along a course's log, to its end or until they fail."""
     log = course.log
     dt = course.setup.scenario.dt
@@ -230,7 +230,7 @@ def _shared(identifier: Identifier, log: Log) -> Motion | None:
     return None
 
 
-def _row(draw: int, scenario: Scenario, course: Course, run: Draw, cost: float) -> Row:
+def _row(draw: int, scenario: Scenario, course: DrawnMotion, run: Draw, cost: float) -> Row:
     """The row of results of a run."""
     status = course.status
     t = course.time
@@ -313,7 +313,7 @@ def grouped(draws: Sequence[Any], jobs: int) -> list[Sequence[Any]]:
 
 
 def _identified(
-    groups: Sequence[tuple[Course, Sequence[tuple[int, Scenario]]]], pool: Executor, seen: Seen
+    groups: Sequence[tuple[DrawnMotion, Sequence[tuple[int, Scenario]]]], pool: Executor, seen: Seen
 ) -> Iterator[list[Row]]:
     """Yields the rows of groups of draws, as they become available."""
     for done in as_completed([pool.submit(identify, *group, seen) for group in groups]):

@@ -13,7 +13,7 @@ from ...report import Page, Result, Section, Statistic, Table, count
 from . import sweep
 from .folder import opened, read
 from .montecarlo import JOBS, rows_of
-from .runs import Group, Runs, digits
+from .runs import RunGroup, Runs, digits
 from .study import MOST_JOBS, Row, Study, check_count
 from .study_page import study_page
 
@@ -66,7 +66,7 @@ def quantiles(runs: Runs) -> dict[str, dict[str, float]]:
         row | dict.fromkeys(FIGURES) if row["status"] != Status.completed.words else row
         for row in runs.rows
     ]
-    group = Group({}, last)
+    group = RunGroup({}, last)
     return {
         key: {name: group.quantile(key, share) for name, share in QUANTILES.items()}
         for key in FIGURES

@@ -29,15 +29,15 @@ class Runs:
     intact: bytes = b""  # the bytes of all other lines
 
     @property
-    def groups(self) -> list[Group]:
+    def groups(self) -> list[RunGroup]:
         """The runs grouped by combination of the varied fields."""
         return self.by(*self.manifest["vary"])
 
-    def by(self, *fields: str) -> list[Group]:
+    def by(self, *fields: str) -> list[RunGroup]:
         """The runs grouped by the values of some varied fields, in the order of these values."""
         values = [self.manifest["vary"][path] for path in fields]
         return [
-            Group(
+            RunGroup(
                 dict(zip(fields, combination, strict=True)),
                 [
                     row
@@ -69,7 +69,7 @@ class Runs:
 
 
 @dataclass(frozen=True)
-class Group:
+class RunGroup:
     """Runs with equal values, by name, of some varied fields."""
 
     values: dict[str, Any]
@@ -115,7 +115,7 @@ class Group:
         return np.array([np.inf if row[key] is None else row[key] for row in self.rows], float)
 
 
-def words(group: Group) -> str:
+def words(group: RunGroup) -> str:
     """The varied values of a group, in words."""
     return ", ".join(f"{path} {value}" for path, value in group.values.items()) or "all runs"
 

@@ -20,7 +20,7 @@ from ...report import Result, Statistic, Table, count
 from .engine import Engine
 from .folder import TABLE, opened, read
 from .one_run import Job
-from .runs import Group, Runs, digits, words
+from .runs import RunGroup, Runs, digits, words
 from .study import DrawnSeeds, Study, check_count
 
 FIGURES = {
@@ -172,7 +172,7 @@ def sweep_result(runs: Runs) -> Result:
 
     A sweep shows a distribution: it fails only if no run has a result.
     """
-    found = Group({}, runs.rows)
+    found = RunGroup({}, runs.rows)
     distances = found.column("theta_perp_ratio")
     distances = distances[np.isfinite(distances)]
     converged = int(np.isfinite(found.column("time_to_converge")).sum())
@@ -209,7 +209,7 @@ def files_of(runs: Runs) -> list[str]:
     return [f"table      {runs.folder / TABLE}", f"plots      nsaid report {again}"]
 
 
-def cells(group: Group) -> list[str]:
+def cells(group: RunGroup) -> list[str]:
     """A group's cells in a table, in the order of `HEADS`."""
     spreads = []
     for key, (_, unit) in FIGURES.items():

@@ -24,7 +24,7 @@ from ...report import (
     write_html,
 )
 from ...report import line as plots_line
-from .runs import Group, Runs
+from .runs import RunGroup, Runs
 from .study_page import study_page
 from .sweep import SPREADS, lead_of, sweep_result, table_of
 
@@ -109,7 +109,9 @@ def _line(runs: Runs, field: str) -> dict[str, Draw]:
     return panels
 
 
-def _distribution(groups: list[Group], labels: list[str], field: str, key: str, axis: Any) -> None:
+def _distribution(
+    groups: list[RunGroup], labels: list[str], field: str, key: str, axis: Any
+) -> None:
     """Draws a box and dots for the finite values of each group."""
     rng = np.random.default_rng(0)  # of the dots' horizontal jitter
     for place, group in enumerate(groups):
@@ -139,7 +141,7 @@ def _distribution(groups: list[Group], labels: list[str], field: str, key: str, 
 
 
 def _failed(
-    groups: list[Group], labels: list[str], field: str, endings: list[str], axis: Any
+    groups: list[RunGroup], labels: list[str], field: str, endings: list[str], axis: Any
 ) -> None:
     """Draws stacked bars of runs without a result and of runs that ended early, by reason."""
     bottom = np.zeros(len(groups))
@@ -154,7 +156,7 @@ def _failed(
     categories(axis, labels, field)
 
 
-def _count(group: Group) -> Counter[str]:
+def _count(group: RunGroup) -> Counter[str]:
     return Counter({_NONE: len(group.rows) - len(group.results)}) + Counter(
         row["status"] for row in group.early
     )

@@ -11,7 +11,7 @@ _ROUNDING = 64 * np.finfo(float).eps
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class ControlledMotion:
     """A controlled motion of N samples, with the plant's true state."""
 
     t: Array  # (N,) times [s]
@@ -28,7 +28,7 @@ class Motion:
 
 
 def figures(
-    motion: Motion, system: SecondOrderSystem, tracker: Tracker, last: float
+    motion: ControlledMotion, system: SecondOrderSystem, tracker: Tracker, last: float
 ) -> dict[str, float | str]:
     """Errors by unit over the last seconds, and efforts, of a motion.
 
@@ -52,7 +52,11 @@ def figures(
 
 
 def lyapunov(
-    motion: Motion, system: SecondOrderSystem, tracker: Tracker, metric: Metric, theta: Array
+    motion: ControlledMotion,
+    system: SecondOrderSystem,
+    tracker: Tracker,
+    metric: Metric,
+    theta: Array,
 ) -> Array:
     """(N,) V = ½ sᵀ M s + D_ψ(θ‖θ̂) under the true θ (p,) [J]."""
     V = metric.divergence(theta, motion.theta_hat)
@@ -63,7 +67,11 @@ def lyapunov(
 
 
 def rise_bounds(
-    motion: Motion, system: SecondOrderSystem, tracker: Tracker, metric: ConeMetric, theta: Array
+    motion: ControlledMotion,
+    system: SecondOrderSystem,
+    tracker: Tracker,
+    metric: ConeMetric,
+    theta: Array,
 ) -> Array:
     """(N−1,) bounds on the rise of V between two samples by discretisation [J].
 
@@ -94,7 +102,7 @@ def rise_bounds(
 
 
 def lyapunov_rises(
-    motion: Motion, truth: Truth, tracker: Tracker, metric: ConeMetric
+    motion: ControlledMotion, truth: Truth, tracker: Tracker, metric: ConeMetric
 ) -> tuple[int, float]:
     """Number of steps in which V rose beyond its bound, and the largest rise over V(0).
 

@@ -26,7 +26,7 @@ from ...report import (
     whole_blueprint,
     write_recording,
 )
-from .evaluation import Motion
+from .evaluation import ControlledMotion
 
 _FRAMES = 2000  # of the robot, at most
 _REFERENCE = f"{ROBOT}/reference"
@@ -34,7 +34,7 @@ _GHOST = (64, 214, 224)
 
 
 def record(
-    page: Page, setup: Setup, law: str, motion: Motion, tracker: Tracker, file: Path
+    page: Page, setup: Setup, law: str, motion: ControlledMotion, tracker: Tracker, file: Path
 ) -> Path:
     """Writes a recording, atomically, and returns its path.
 

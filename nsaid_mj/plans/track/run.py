@@ -21,17 +21,27 @@ from ...report import (
     robot_picture,
 )
 from ..studies.study import Study, carried_out, repeated
-from .tracking import TRACKING_FILES, Course, courses, medians_in_words, result_of, table_of, write
+from .tracking import (
+    TRACKING_FILES,
+    TrackedCourse,
+    courses,
+    medians_in_words,
+    result_of,
+    table_of,
+    write,
+)
 
 PICTURE = "tracking.png"
 RECORDING = "tracking.rrd"
 
 
 @single_threaded
-def run_tracking(study: Study, folder: Path, quiet: bool = False) -> tuple[Result, list[Course]]:
+def run_tracking(
+    study: Study, folder: Path, quiet: bool = False
+) -> tuple[Result, list[TrackedCourse]]:
     """Runs a study, writes its files, page and recording, and prints the page."""
 
-    def made(say: Callable[[str], object]) -> Iterator[Course]:
+    def made(say: Callable[[str], object]) -> Iterator[TrackedCourse]:
         for found in courses(study, say):
             kept = slice(None) if found.seed == study.seeds[0] else slice(-1, None)  # for the page
             motion = replace(found.motion, theta_hat=found.motion.theta_hat[kept])
@@ -44,7 +54,7 @@ def run_tracking(study: Study, folder: Path, quiet: bool = False) -> tuple[Resul
     )
 
 
-def drawn(folder: Path, study: Study, done: list[Course]) -> tuple[Page, list[Path]]:
+def drawn(folder: Path, study: Study, done: list[TrackedCourse]) -> tuple[Page, list[Path]]:
     """The page; writes tracking.png and, with Rerun, tracking.rrd, and returns all files."""
     page = page_of(folder, study, done)
     files = [folder / name for name in TRACKING_FILES]
@@ -63,7 +73,7 @@ def drawn(folder: Path, study: Study, done: list[Course]) -> tuple[Page, list[Pa
     return page, files
 
 
-def page_of(folder: Path, study: Study, done: list[Course]) -> Page:
+def page_of(folder: Path, study: Study, done: list[TrackedCourse]) -> Page:
     """The page of a study."""
     result = result_of(study, done)
     seed = done[0].seed if done else study.seeds[0]

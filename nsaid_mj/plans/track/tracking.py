@@ -43,7 +43,7 @@ from ...report import (
     spread,
 )
 from ..studies.study import Study, write_csv
-from .evaluation import Motion, figures, lyapunov_rises
+from .evaluation import ControlledMotion, figures, lyapunov_rises
 
 TRACKING_FILES = ("tracking.json", "tracking.csv")
 _POINTS = 4000  # of a command over time, at most
@@ -90,7 +90,7 @@ def tracking_plan(
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class TrackedCourse:
     """A law on one plant.
 
     Attributes:
@@ -102,12 +102,14 @@ class Course:
     law: str
     seed: int
     figures: dict[str, float | str]
-    motion: Motion
+    motion: ControlledMotion
     setup: Setup
     tracker: Tracker
 
 
-def courses(study: Study, report: Callable[[str], object] = lambda _: None) -> Iterator[Course]:
+def courses(
+    study: Study, report: Callable[[str], object] = lambda _: None
+) -> Iterator[TrackedCourse]:
     """Runs every law on the plant of every seed; `report` receives each stage."""
     for seed in study.seeds:
         scenario = replace(study.scenario, seed=seed)
@@ -119,7 +121,7 @@ def courses(study: Study, report: Callable[[str], object] = lambda _: None) -> I
             yield course(replace(base, scenario=own), study.settings["last_seconds"])
 
 
-def course(setup: Setup, last: float) -> Course:
+def course(setup: Setup, last: float) -> TrackedCourse:
     """Runs a scenario that is driven by `AdaptiveTracking`, with errors over its last seconds."""
     scenario = setup.scenario
     tracker = setup.driver()
@@ -131,10 +133,10 @@ def course(setup: Setup, last: float) -> Course:
     if isinstance(metric, ConeMetric) and scenario.sensors == "ideal":
         rises, largest = lyapunov_rises(motion, Truth(setup, scenario.duration), tracker, metric)
         found |= {"v_rises": rises, "v_largest_rise": largest}
-    return Course(scenario.excitation.law, scenario.seed, found, motion, setup, tracker)
+    return TrackedCourse(scenario.excitation.law, scenario.seed, found, motion, setup, tracker)
 
 
-def drive(setup: Setup, tracker: Tracker) -> Motion:
+def drive(setup: Setup, tracker: Tracker) -> ControlledMotion:
     """Drives the plant; an informed law gets the estimates of the scenario's identifier."""
     scenario = setup.scenario
     plant = setup.plant
@@ -164,7 +166,7 @@ def drive(setup: Setup, tracker: Tracker) -> Motion:
     aims = plant.position(np.array([tracker.reference.desired(now)[0] for now in t.tolist()]))
     pairs = zip(q, aims, strict=True)
     error = np.array([setup.system.difference(own, aim) for own, aim in pairs])
-    return Motion(t, q, v, u, theta_hat, error, status or "")
+    return ControlledMotion(t, q, v, u, theta_hat, error, status or "")
 
 
 class _StateRecorder(Driver):
@@ -188,7 +190,7 @@ class _StateRecorder(Driver):
 # -- output ----------------------------------------------------------------------------------------
 
 
-def write(folder: Path, study: Study, done: list[Course]) -> None:
+def write(folder: Path, study: Study, done: list[TrackedCourse]) -> None:
     """Writes tracking.json, with the plan, and tracking.csv, one row for every law and seed.
 
     Raises:
@@ -201,7 +203,7 @@ def write(folder: Path, study: Study, done: list[Course]) -> None:
     write_csv(folder / TRACKING_FILES[1], heads, rows)
 
 
-def medians(study: Study, done: list[Course]) -> dict[str, dict[str, float]]:
+def medians(study: Study, done: list[TrackedCourse]) -> dict[str, dict[str, float]]:
     """Medians over the seeds of every law's figures; `v_rises` is the sum."""
     found: dict[str, dict[str, float]] = {law: {} for law in study.vary["law"]}
     for law in study.vary["law"]:
@@ -217,7 +219,7 @@ def medians(study: Study, done: list[Course]) -> dict[str, dict[str, float]]:
 _ERROR = "error"  # the name of the figure that compares with the conventional law
 
 
-def figures_of(study: Study, done: list[Course]) -> tuple[Statistic, ...]:
+def figures_of(study: Study, done: list[TrackedCourse]) -> tuple[Statistic, ...]:
     """The figures of every law that has run.
 
     Medians over the seeds of rms and peak errors, of the conventional law's rms error over the
@@ -283,7 +285,7 @@ def _cell(figure: Statistic, law: str, several: bool) -> str:
     return _digits(1e3 * value) + brackets
 
 
-def result_of(study: Study, done: list[Course]) -> Result:
+def result_of(study: Study, done: list[TrackedCourse]) -> Result:
     """The result of a study: figures of every law, and errors over time.
 
     The verdict is how much better each adaptive law tracks than the conventional law.
@@ -325,7 +327,7 @@ def medians_in_words(study: Study) -> str:
     )
 
 
-def _errors(shown: list[Course], unit: str) -> Panel:
+def _errors(shown: list[TrackedCourse], unit: str) -> Panel:
     """Every law's error over time, in the unit of some coordinates."""
     faults = shown[0].setup.plant.faults
     events = [t for fault in faults for t in (fault.time, fault.until) if t is not None]
@@ -339,7 +341,7 @@ def _errors(shown: list[Course], unit: str) -> Panel:
     return panel
 
 
-def _commands(course: Course) -> Panel:
+def _commands(course: TrackedCourse) -> Panel:
     """A law's commands over their limits, for recordings."""
     motion = course.motion
     low, high = course.tracker.limits

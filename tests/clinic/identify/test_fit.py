@@ -18,7 +18,7 @@ from nsaid_mj.clinic.identify.fit import (
     precision,
     tempered,
 )
-from nsaid_mj.clinic.identify.problem import Problem, Size, folds, least_squares
+from nsaid_mj.clinic.identify.problem import FitProblem, Size, folds, least_squares
 from nsaid_mj.clinic.identify.statements import parameters_in_words, suggest
 from nsaid_mj.core.parameters import Block, ParameterSpace
 
@@ -63,7 +63,7 @@ def absolute(p: int) -> Size:
     return Size(np.ones((1, p)), np.zeros(p, dtype=np.intp), np.inf, np.ones(p, dtype=bool))
 
 
-def problem_of(noise: float = 0.0, rows: int = 400, seed: int = 0) -> Problem:
+def problem_of(noise: float = 0.0, rows: int = 400, seed: int = 0) -> FitProblem:
     """Rows of two independent joints whose commands make Y θ = 0 under TRUE, plus noise."""
     rng = np.random.default_rng(seed)
     a, v = rng.standard_normal((2, rows, 2))
@@ -76,7 +76,7 @@ def problem_of(noise: float = 0.0, rows: int = 400, seed: int = 0) -> Problem:
     for j in range(2):
         Y[:, j, 5 + j] = -u[:, j]
     space = space_of()
-    return Problem(
+    return FitProblem(
         space,
         Y,
         np.ones((rows, 2), dtype=bool),
@@ -89,7 +89,7 @@ def problem_of(noise: float = 0.0, rows: int = 400, seed: int = 0) -> Problem:
     )
 
 
-def cost(problem: Problem, theta: np.ndarray) -> float:
+def cost(problem: FitProblem, theta: np.ndarray) -> float:
     return posterior(problem, gramians(problem)).value(theta)
 
 

@@ -13,9 +13,9 @@ from nsaid_mj.cli.commands import command
 from nsaid_mj.clinic.identify.calibrate import calibrate
 from nsaid_mj.clinic.identify.fit import minimise, tempered, tempered_fit
 from nsaid_mj.clinic.identify.identify import coupled, identify_forces
-from nsaid_mj.clinic.identify.problem import Problem, least_squares
+from nsaid_mj.clinic.identify.problem import FitProblem, least_squares
 from nsaid_mj.clinic.identify.result import Identification, Options
-from nsaid_mj.clinic.logs.mapping import Coupling, Map
+from nsaid_mj.clinic.logs.mapping import Map, MotorCoupling
 from nsaid_mj.clinic.logs.preparation import prepare
 from nsaid_mj.clinic.logs.tables import read_tables
 from scripts.calibration import essential
@@ -29,9 +29,9 @@ def tx40() -> Identification:
 
 
 @pytest.fixture(scope="module")
-def again() -> tuple[Identification, Problem]:
+def again() -> tuple[Identification, FitProblem]:
     """Once more, with the problem that is fitted."""
-    problems: list[Problem] = []
+    problems: list[FitProblem] = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
             "nsaid_mj.clinic.identify.calibrate.tempered_fit",
@@ -254,9 +254,9 @@ def test_a_coupling_of_any_two_joints_has_the_sign_of_its_motor(column, sign):
     """A motor that turns by v_6 ± v_c: row 6 of the matrix of positions."""
     R = np.diag([32.0, 32, 45, -48, 45, -32])
     R[5, column] = sign * R[5, 5]
-    mapping = Map(coupling=Coupling(position=tuple(map(tuple, R.tolist()))))
+    mapping = Map(coupling=MotorCoupling(position=tuple(map(tuple, R.tolist()))))
     assert coupled(mapping) == ((column, 5, int(sign)),)
-    torque = Map(coupling=Coupling(torque=tuple(map(tuple, R.T.tolist()))))
+    torque = Map(coupling=MotorCoupling(torque=tuple(map(tuple, R.T.tolist()))))
     assert coupled(torque) == ((column, 5, int(sign)),)
 
 

@@ -16,7 +16,7 @@ from nsaid_mj.clinic.logs.first_map import first_map
 from nsaid_mj.clinic.logs.mapping import map_of, read_map
 from nsaid_mj.clinic.logs.preparation import prepare
 from nsaid_mj.clinic.logs.signals import quantum
-from nsaid_mj.clinic.logs.tables import Channel, Table, read_tables
+from nsaid_mj.clinic.logs.tables import Channel, LogTable, read_tables
 from nsaid_mj.robots.assets import asset
 from tests.support.robot_logs import columns, two_joints, write_csv
 
@@ -197,7 +197,7 @@ def test_the_first_map_of_a_vehicle_has_what_the_names_tell(vehicle, lines):
     columns["qw"] = np.sqrt(1 - sum(columns[f"q{axis}"] ** 2 for axis in "xyz"))
     count = len(robot.joints)
     columns |= {f"pwm{k + 1}": 1500 + 200 * np.sin(t + k) for k in range(count)}
-    made = Table("log.csv", {name: Channel(t, x) for name, x in columns.items()}, 0)
+    made = LogTable("log.csv", {name: Channel(t, x) for name, x in columns.items()}, 0)
     assert [f.code for f in inspect([made], None, robot).findings][:1] == ["unmatched"]
     text = first_map([made], robot)
     for line in (*lines, 'position = ["x", "y", "z"]', 'linear = ["vel/x", "vel/y", "vel/z"]'):
@@ -209,7 +209,7 @@ def test_the_first_map_of_a_vehicle_has_what_the_names_tell(vehicle, lines):
 def test_the_first_map_of_a_vehicle_with_unknown_names_is_a_form():
     robot = load_robot_model("f1tenth")
     t = np.arange(0, 20, 0.02)
-    made = Table("log.csv", {name: Channel(t, np.sin(t)) for name in ("a", "b")}, 0)
+    made = LogTable("log.csv", {name: Channel(t, np.sin(t)) for name in ("a", "b")}, 0)
     text = first_map([made], robot)
     assert '# position = ["x", "y", "yaw"]' in text
     assert '# u_2 = { column = "…" }  # steering angle [rad]' in text

@@ -18,7 +18,7 @@ from nsaid_mj.clinic.identify.choose.options import (
     improves,
 )
 from nsaid_mj.clinic.identify.fit import Precision, inflation, minimise, precision, tempered
-from nsaid_mj.clinic.identify.result import JointFit
+from nsaid_mj.clinic.identify.result import JointStructure
 from nsaid_mj.clinic.identify.smoothing import Filter, refined, slope
 from nsaid_mj.clinic.identify.statements import parameters_in_words, verdict, with_known
 from nsaid_mj.core.parameters import ParameterSpace
@@ -199,7 +199,7 @@ def judged(*held_out: float):
     """What the verdict says of joints with such held-out errors."""
     return verdict(
         tuple(
-            JointFit(f"joint {j}", e, e, e, None, None, (), 0.05, 0.0)
+            JointStructure(f"joint {j}", e, e, e, None, None, (), 0.05, 0.0)
             for j, e in enumerate(held_out)
         )
     )[0]

@@ -14,7 +14,7 @@ from nsaid_mj.base.errors import InvalidInput, UnknownName
 from nsaid_mj.cli.commands import command
 from nsaid_mj.clinic.identify.identify import identify_forces
 from nsaid_mj.clinic.identify.law import law_findings, law_logs
-from nsaid_mj.clinic.identify.result import AlongLog, Gain, Identification
+from nsaid_mj.clinic.identify.result import AlongLog, GainRatio, Identification
 from nsaid_mj.clinic.session import Session
 from nsaid_mj.lab.postprocessing import finish, rebuild
 from nsaid_mj.lab.record import Record
@@ -135,13 +135,13 @@ def test_a_law_apart_from_the_batch_fit_is_told():
     along = identification(law=True).law
     assert along is not None
     assert law_findings(along) == []
-    apart = replace(along, gains=(Gain("gain of elbow", 1.5, 0.1, 1.0, 0.1), *along.gains[1:]))
+    apart = replace(along, gains=(GainRatio("gain of elbow", 1.5, 0.1, 1.0, 0.1), *along.gains[1:]))
     (finding,) = law_findings(apart)
     assert finding.level == "warning" and "gain of elbow" in finding.text
 
 
 def test_a_law_without_intervals_is_never_told_apart():
-    gain = Gain("gain of elbow", 1.5, np.inf, 1.0, 0.1)
+    gain = GainRatio("gain of elbow", 1.5, np.inf, 1.0, 0.1)
     assert not gain.apart and np.log(gain.law / gain.batch) <= gain.half
     assert isinstance(identification().law, AlongLog | None)
 

@@ -16,7 +16,7 @@ from nsaid_mj.base.errors import InvalidInput, UnknownName
 from nsaid_mj.clinic.identify.measured import LiveRobot, measured_scenario
 from nsaid_mj.clinic.live import _LINE
 from nsaid_mj.clinic.logs.stream import Cleaner, parsed, sample_of, turned
-from nsaid_mj.clinic.session import Estimate, Session
+from nsaid_mj.clinic.session import LiveEstimate, Session
 from nsaid_mj.core.laws.base import gain_deviations
 from nsaid_mj.core.log import Log
 from nsaid_mj.lab.evaluation.run_misfit import filter_of
@@ -71,7 +71,7 @@ def test_no_interval_is_stated_while_the_motion_contradicts_the_structure(log: L
 
     def gains(log: Log) -> tuple[Run, list[bool], list[bool]]:
         """The run, and by estimate whether the motion contradicts, and there are intervals."""
-        shown: list[Estimate] = []
+        shown: list[LiveEstimate] = []
         run = session().run(io.BytesIO(b"".join(lines(log))), tmp_path, shown.append, every=0.5)
         stated = [bool(np.isfinite([g.high for g in one.gains]).all()) for one in shown]
         return run, [one.misfit == "contradicts" for one in shown], stated

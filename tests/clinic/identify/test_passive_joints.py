@@ -16,7 +16,7 @@ from nsaid_mj.clinic.identify.measured import LiveRobot
 from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.clinic.identify.result import Identification
 from nsaid_mj.clinic.logs.layout import layout
-from nsaid_mj.clinic.logs.mapping import Column, Joint, Map
+from nsaid_mj.clinic.logs.mapping import ColumnMap, Joint, Map
 from nsaid_mj.clinic.logs.matching import match
 from nsaid_mj.clinic.logs.tables import read_tables
 from nsaid_mj.clinic.logs.unusable import UnmatchedChannels
@@ -155,7 +155,7 @@ def test_a_motor_without_a_command_is_still_a_mistake(tmp_path):
 def test_a_map_must_name_the_command_of_a_motor(tmp_path):
     (tmp_path / "a.xml").write_text(ACROBOT, encoding="utf-8")
     robot = load_robot_model(str(tmp_path / "a.xml"))
-    joints = {name: Joint(position=Column(column=name)) for name in robot.joints}
+    joints = {name: Joint(position=ColumnMap(column=name)) for name in robot.joints}
     write_csv(tmp_path / "log.csv", dict.fromkeys(["t", *robot.joints], np.arange(9.0)))
     with pytest.raises(InvalidInput, match=r"joints\.elbow\.command"):
         layout(Map(joints=joints), robot, read_tables([tmp_path / "log.csv"]))

@@ -9,7 +9,7 @@ from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.clinic.identify.comparison import by_toolbox, compare_arms
 from nsaid_mj.clinic.identify.export import replay
 from nsaid_mj.clinic.identify.models import load_robot_model
-from nsaid_mj.clinic.logs.recordings import Recordings, Segment
+from nsaid_mj.clinic.logs.recordings import LogSegment, Recordings
 from nsaid_mj.core.log import Log
 from nsaid_mj.robots.errors import BadRobot
 from nsaid_mj.robots.identified import Identified
@@ -35,7 +35,7 @@ def recorded(robot, values, path, rate=100, seconds=2.0):
         q[k], v[k] = data.qpos, data.qvel
         data.ctrl[order] = u[k]
         mujoco.mj_step(mj, data, substeps)
-    segment = Segment(Log(t, q, v, u), np.ones((len(t), n), dtype=bool), "log", (1, len(t)))
+    segment = LogSegment(Log(t, q, v, u), np.ones((len(t), n), dtype=bool), "log", (1, len(t)))
     return Recordings((segment,), rate, ("",) * n)
 
 

@@ -22,7 +22,7 @@ from nsaid_mj.clinic.identify.fit import minimise, precision
 from nsaid_mj.clinic.identify.identify import identify_forces
 from nsaid_mj.clinic.identify.joints import JointRows
 from nsaid_mj.clinic.identify.models import load_robot_model
-from nsaid_mj.clinic.identify.problem import Problem
+from nsaid_mj.clinic.identify.problem import FitProblem
 from nsaid_mj.clinic.identify.residuals import (
     Followed,
     Suspect,
@@ -33,7 +33,7 @@ from nsaid_mj.clinic.identify.residuals import (
 )
 from nsaid_mj.clinic.identify.statements import with_known
 from nsaid_mj.clinic.identify.suspects import _answered, _between
-from nsaid_mj.clinic.logs.recordings import Recordings, Segment
+from nsaid_mj.clinic.logs.recordings import LogSegment, Recordings
 from nsaid_mj.core.log import Log
 from tests.clinic.identify.test_fit import TRUE, problem_of
 from tests.support.robot_logs import Flaw, arm_log, motion, two_joints, write_csv
@@ -41,7 +41,7 @@ from tests.support.robot_logs import Flaw, arm_log, motion, two_joints, write_cs
 # -- the test of residuals, on rows whose flaw is known -------------------------------------------
 
 
-def bent(size: float, seed: int = 0, rows: int = 2000) -> tuple[Problem, Suspect, Suspect]:
+def bent(size: float, seed: int = 0, rows: int = 2000) -> tuple[FitProblem, Suspect, Suspect]:
     """Rows to which a column is added that goes with the first one; it, and one that is noise."""
     problem = with_known(problem_of(0.2, rows, seed), {"gain_1": 1.3, "gain_2": 0.8})
     rng = np.random.default_rng([seed, 5])
@@ -55,7 +55,7 @@ def bent(size: float, seed: int = 0, rows: int = 2000) -> tuple[Problem, Suspect
     return replace(problem, Y=Y), true, other
 
 
-def left_in(problem: Problem, *suspects: Suspect):
+def left_in(problem: FitProblem, *suspects: Suspect):
     """θ̂, its precision, and what the residuals follow."""
     fit, share = minimise(problem), np.ones(2)
     exact = precision(problem, fit, share)
@@ -95,7 +95,7 @@ def test_noise_that_a_suspect_shares_with_the_residuals_is_no_effect(size: float
     quiet, true, _ = bent(size)
     rng = np.random.default_rng(7)
 
-    def with_noise(problem: Problem, columns: np.ndarray) -> tuple[Problem, Suspect]:
+    def with_noise(problem: FitProblem, columns: np.ndarray) -> tuple[FitProblem, Suspect]:
         noise, Y, columns = 0.3 * rng.standard_normal(len(problem.t)), problem.Y.copy(), +columns
         Y[:, 0, 0] += noise
         columns[:, 0, 0] += noise
@@ -104,7 +104,7 @@ def test_noise_that_a_suspect_shares_with_the_residuals_is_no_effect(size: float
     problem, suspect = with_noise(quiet, true.columns)
     fit, exact, blamed = left_in(problem, suspect)
 
-    def noisier(theta: np.ndarray) -> tuple[Problem, list[Suspect]]:
+    def noisier(theta: np.ndarray) -> tuple[FitProblem, list[Suspect]]:
         assert (theta == fit.theta).all()
         other, again = with_noise(problem, suspect.columns)
         return other, [again]
@@ -347,7 +347,7 @@ def rows_of(values: dict[str, np.ndarray]) -> JointRows:
     q, u = (np.column_stack([values[f"{n}_{k}"] for n in names]) for k in ("position", "current"))
     t = values["time"]
     log = Log(t, q, np.gradient(q, t, axis=0), u)
-    segment = Segment(log, np.ones(q.shape, bool), "log", (0, len(t)))
+    segment = LogSegment(log, np.ones(q.shape, bool), "log", (0, len(t)))
     rate = 1 / (t[1] - t[0])
     recordings = Recordings((segment,), rate, ("",) * len(names))
     return JointRows(robot, recordings, filter_for(recordings), np.ones(len(names)), 2.0)
@@ -403,7 +403,7 @@ def quantised(step: float, speed_noise: float = 0.0) -> Recordings:
     t = np.arange(4000) / 200
     q = np.round(0.5 * np.column_stack([np.sin(2 * t), np.sin(3 * t)]) / step) * step
     v = np.gradient(q, t, axis=0) + speed_noise * np.random.default_rng(0).standard_normal(q.shape)
-    segment = Segment(Log(t, q, v, q), np.ones(q.shape, bool), "log", (0, len(t)))
+    segment = LogSegment(Log(t, q, v, q), np.ones(q.shape, bool), "log", (0, len(t)))
     return Recordings((segment,), 200.0, ("", ""))
 
 

@@ -17,7 +17,7 @@ from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.clinic.identify.rows import with_columns
 from nsaid_mj.clinic.identify.smoothing import delayed, refined, smooth_commands
 from nsaid_mj.clinic.identify.vehicles import VehicleRows, smooth_pose
-from nsaid_mj.clinic.logs.recordings import Recordings, Segment
+from nsaid_mj.clinic.logs.recordings import LogSegment, Recordings
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.parameters import ParameterSpace
 from nsaid_mj.core.structure.joints import positions
@@ -63,7 +63,7 @@ def invented(robot: RobotModel) -> Recordings:
     q, v, u = motion(t, n)
     u[:, 3] = 0.0
     log = Log(t, 3 * q, 3 * v, u)
-    segment = Segment(log, np.ones((len(t), n), bool), "log", (0, len(t)))
+    segment = LogSegment(log, np.ones((len(t), n), bool), "log", (0, len(t)))
     return refined(Recordings((segment,), 100.0, ("A",) * n))
 
 
@@ -175,7 +175,7 @@ def test_further_columns_of_a_vehicle_are_damping_and_constant_forces(name):
     with setup.plant.running():
         log = setup.simulate()
     robot = load_robot_model(name)
-    segment = Segment(log, np.ones(log.v.shape, bool), "log", (0, len(log.t)))
+    segment = LogSegment(log, np.ones(log.v.shape, bool), "log", (0, len(log.t)))
     recordings = Recordings((segment,), 1 / log.step, ("",) * log.u.shape[1])
     rows = VehicleRows(robot, recordings, filter_for(recordings))
     names = frozenset({"damping", "offset"})

@@ -14,13 +14,13 @@ from nsaid_mj.clinic.identify.choose.columns import BASIC, Choice
 from nsaid_mj.clinic.identify.choose.cutoff import filter_for
 from nsaid_mj.clinic.identify.choose.joint_search import structured_arm
 from nsaid_mj.clinic.identify.export import identified
-from nsaid_mj.clinic.identify.fit import Prior, minimise
+from nsaid_mj.clinic.identify.fit import ConePrior, minimise
 from nsaid_mj.clinic.identify.identify import identify_forces
 from nsaid_mj.clinic.identify.joint_checks import expected_gains
 from nsaid_mj.clinic.identify.joints import JointRows
 from nsaid_mj.clinic.identify.links import file_links, link_blocks, sizes_of_links
-from nsaid_mj.clinic.identify.problem import Problem, Size
-from nsaid_mj.clinic.identify.result import Identification, JointFit, Options
+from nsaid_mj.clinic.identify.problem import FitProblem, Size
+from nsaid_mj.clinic.identify.result import Identification, JointStructure, Options
 from nsaid_mj.clinic.identify.statements import verdict
 from nsaid_mj.clinic.logs.preparation import prepare
 from nsaid_mj.clinic.logs.tables import read_tables
@@ -29,7 +29,7 @@ from tests.support.robot_logs import two_joints
 from tests.support.simulated_logs import HeavyWrist
 
 
-def problem_of(rows: int, stretch: float = 1.0, noise: float = 0.01, seed: int = 0) -> Problem:
+def problem_of(rows: int, stretch: float = 1.0, noise: float = 0.01, seed: int = 0) -> FitProblem:
     """An arm whose links weigh what the file says, with inertias `stretch` times the file's.
 
     Gains are 1 and 2; the prior expects 1 and 2 within a factor of seven.
@@ -72,7 +72,7 @@ def problem_of(rows: int, stretch: float = 1.0, noise: float = 0.01, seed: int =
         Y[:, j, 20 + j], Y[:, j, 22 + j] = states[:, 1, j], -u[:, j]
     nothing = np.zeros(24, dtype=bool)
     weights = np.pad(sizes_of_links(model, links.reshape(-1, 20), weight), ((0, 0), (0, 4)))
-    return Problem(
+    return FitProblem(
         space,
         Y,
         np.ones((rows, 2), dtype=bool),
@@ -99,7 +99,7 @@ def test_rows_that_tell_of_shape_alone_do_not_move_the_scale(rows):
     np.testing.assert_allclose(fit.theta[22:], [1.0, 2.0], rtol=0.05)
 
 
-def in_limbs(number: int) -> Problem:
+def in_limbs(number: int) -> FitProblem:
     """The same as one limb, or as if only the base connected both links."""
     problem = problem_of(60)
     assert problem.size is not None
@@ -117,10 +117,10 @@ def test_the_prior_is_the_same_for_all_multiples_of_a_limb_but_for_its_size(limb
     loose = replace(problem, size=problem.size._replace(deviation=1e9))
     last = problem.size.limb == limbs - 1
     theta, step = problem.prior * np.linspace(0.8, 1.3, 24), np.log(2.0) / 0.25
-    values = [Prior(loose).value(np.where(last, s, 1.0) * theta) for s in (0.1, 1.0, 10.0)]
+    values = [ConePrior(loose).value(np.where(last, s, 1.0) * theta) for s in (0.1, 1.0, 10.0)]
     np.testing.assert_allclose(values, values[1], rtol=1e-9)
     twice = np.where(last, 2.0, 1.0) * problem.prior
-    assert Prior(problem).value(twice) == pytest.approx(0.5 * step**2, rel=1e-9)
+    assert ConePrior(problem).value(twice) == pytest.approx(0.5 * step**2, rel=1e-9)
 
 
 @pytest.mark.parametrize("limbs", [1, 2])
@@ -130,7 +130,7 @@ def test_the_gradient_of_the_prior_is_its_finite_difference(limbs):
     stated[22] = True
     assert problem.size is not None
     problem = replace(problem, size=problem.size._replace(stated=stated))
-    prior, theta = Prior(problem), problem.prior * np.linspace(0.9, 1.2, 24)
+    prior, theta = ConePrior(problem), problem.prior * np.linspace(0.9, 1.2, 24)
     gradient, hessian = prior.derivatives(theta)
     for i, unit in enumerate(np.eye(24)):
         h = 1e-6 * problem.space.scale[i]
@@ -272,7 +272,7 @@ def test_a_validation_log_has_the_rows_of_training(log, path):
     ],
 )
 def test_the_verdict_is_that_of_the_worse_log(held_out, validation, explains):
-    joint = JointFit("elbow", 0.1, held_out, 0.1, validation, None, (), 0.05, 0.0)
+    joint = JointStructure("elbow", 0.1, held_out, 0.1, validation, None, (), 0.05, 0.0)
     assert verdict((joint,))[0] == explains
 
 

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 
 from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.clinic.logs.formats import FORMATS, TEXT, limited_to, text
-from nsaid_mj.clinic.logs.tables import Table, read
+from nsaid_mj.clinic.logs.tables import LogTable, read
 from nsaid_mj.clinic.logs.unusable import UnusableLog
 from tests.support import damaged
 from tests.support.damaged import end_of_reading, write_bomb
@@ -37,7 +37,7 @@ def check_fuzzed(kind: str, desk: Path, capfd, edits: list[damaged.Edit]) -> Non
 def test_every_good_file_is_read(kind, desk, capfd):
     path = desk / (kind if kind == "record.arrow" else f"log.{kind}")
     path.write_bytes(damaged.good(kind))
-    assert isinstance(end_of_reading(path), Table)
+    assert isinstance(end_of_reading(path), LogTable)
     assert "".join(capfd.readouterr()) == ""
 
 

@@ -11,7 +11,7 @@ import pyarrow.parquet
 import pytest
 
 from nsaid_mj.clinic.logs.preparation import prepare
-from nsaid_mj.clinic.logs.tables import Table, read
+from nsaid_mj.clinic.logs.tables import LogTable, read
 from nsaid_mj.clinic.logs.unusable import MissingExtra, UnreadableLog
 from nsaid_mj.lab.record import RecordWriter
 from tests.support.bags import write_bag
@@ -30,7 +30,7 @@ def closed(tmp_path: Path) -> Iterator[None]:
         assert [path for path in still if path.is_relative_to(tmp_path)] == []
 
 
-def assert_clean(table: Table, tolerance: float = 1e-12) -> None:
+def assert_clean(table: LogTable, tolerance: float = 1e-12) -> None:
     """Whether a table holds the columns of CLEAN at its times."""
     assert set(CLEAN) - {"t"} <= set(table.channels)
     for name in CLEAN:
@@ -108,14 +108,14 @@ def test_ulog(tmp_path, closed):
     found = read(write_ulog(tmp_path / "log.ulg", {"arm_state": (values, CLEAN["t"] + 5)}))
     assert found.origin == 5_000_000_000
     renamed = {name.removeprefix("arm_state/"): c for name, c in found.channels.items()}
-    assert_clean(Table(found.source, renamed, found.origin))
+    assert_clean(LogTable(found.source, renamed, found.origin))
 
 
 def test_dataflash(tmp_path, closed):
     values = {name: column for name, column in CLEAN.items() if name != "t"}
     found = read(write_dataflash(tmp_path / "log.bin", {"ARM": (values, CLEAN["t"] + 5)}))
     renamed = {name.removeprefix("ARM/"): c for name, c in found.channels.items()}
-    assert_clean(Table(found.source, renamed, found.origin), tolerance=1e-5)
+    assert_clean(LogTable(found.source, renamed, found.origin), tolerance=1e-5)
 
 
 def test_dataflash_messages_with_a_damaged_time_are_told(tmp_path):

@@ -7,10 +7,10 @@ import pinocchio as pin
 import pytest
 
 from nsaid_mj.clinic.logs.checks import checked, checks
-from nsaid_mj.clinic.logs.mapping import Column, Joint, Map, read_map
+from nsaid_mj.clinic.logs.mapping import ColumnMap, Joint, Map, read_map
 from nsaid_mj.clinic.logs.preparation import prepare
 from nsaid_mj.clinic.logs.recordings import Recordings
-from nsaid_mj.clinic.logs.tables import Channel, Table, read_tables
+from nsaid_mj.clinic.logs.tables import Channel, LogTable, read_tables
 from nsaid_mj.clinic.logs.unusable import UnusableLog
 from nsaid_mj.robots.assets import asset
 from tests.clinic.logs.test_tx40_log import robot as tx40
@@ -19,16 +19,16 @@ from tests.support.robot_logs import JOINTS, columns, two_joints
 
 def recorded(values: dict[str, np.ndarray], mapping: Map | None = None) -> Recordings:
     channels = {n: Channel(values["t"], column) for n, column in values.items() if n != "t"}
-    return prepare([Table("log.csv", channels, 0)], mapping, two_joints())
+    return prepare([LogTable("log.csv", channels, 0)], mapping, two_joints())
 
 
 def in_units(unit: str) -> Map:
     return Map(
         joints={
             name: Joint(
-                position=Column(column=f"q{k}"),
-                velocity=Column(column=f"dq{k}"),
-                command=Column(column=f"tau{k}", unit=unit),  # pyright: ignore[reportArgumentType]
+                position=ColumnMap(column=f"q{k}"),
+                velocity=ColumnMap(column=f"dq{k}"),
+                command=ColumnMap(column=f"tau{k}", unit=unit),  # pyright: ignore[reportArgumentType]
             )
             for k, name in enumerate(JOINTS, 1)
         }

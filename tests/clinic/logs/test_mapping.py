@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.clinic.logs import mapping, matching
-from nsaid_mj.clinic.logs.mapping import Column, map_of, read_map
+from nsaid_mj.clinic.logs.mapping import ColumnMap, map_of, read_map
 from nsaid_mj.clinic.logs.unusable import UnmatchedChannels
 
 JOINTS = ("shoulder_pan_joint", "elbow_joint", "wrist_1_joint")
@@ -126,7 +126,7 @@ def test_more_indices_than_joints_are_not_guessed():
 def test_conversion_is_sign_times_unit_over_or_times_ratio(kind, value, sign, ratio):
     quantity, unit = kind
     counts = 4096.0 if unit.startswith("ticks") else None
-    column = Column(column="x", unit=unit, sign=sign, ratio=ratio, counts_per_turn=counts)
+    column = ColumnMap(column="x", unit=unit, sign=sign, ratio=ratio, counts_per_turn=counts)
     geared = value * ratio if quantity == "command" else value / ratio
     expected = sign * geared * mapping.FACTORS[quantity][unit] / (counts or 1)
     assert column.factor(quantity) * value == pytest.approx(expected, rel=1e-12, abs=1e-300)
@@ -199,12 +199,12 @@ def test_whole_numbers_need_no_decimal_point(tmp_path):
 
 def test_a_unit_of_another_quantity_is_refused():
     with pytest.raises(InvalidInput, match="one of rad, deg"):
-        Column(column="q", unit="A").factor("position")
+        ColumnMap(column="q", unit="A").factor("position")
 
 
 def test_ticks_need_counts_per_turn():
     with pytest.raises(InvalidInput, match="counts_per_turn"):
-        Column(column="q", unit="ticks").factor("position")
+        ColumnMap(column="q", unit="ticks").factor("position")
 
 
 @pytest.mark.parametrize("text", [None, "a = ", "\x00"])

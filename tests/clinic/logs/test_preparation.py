@@ -10,18 +10,18 @@ from hypothesis import strategies as st
 
 from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.clinic.logs import preparation, signals
-from nsaid_mj.clinic.logs.mapping import Column, Coupling, File, Joint, Map, map_of
+from nsaid_mj.clinic.logs.mapping import ColumnMap, File, Joint, Map, MotorCoupling, map_of
 from nsaid_mj.clinic.logs.preparation import prepare
 from nsaid_mj.clinic.logs.recordings import Recordings
-from nsaid_mj.clinic.logs.tables import Channel, Table
+from nsaid_mj.clinic.logs.tables import Channel, LogTable
 from nsaid_mj.clinic.logs.unusable import UnusableLog
 from tests.support.robot_logs import JOINTS, columns, motion, two_joints
 
 
-def table_of(values: dict[str, np.ndarray], source: str = "log.csv", origin: int = 0) -> Table:
+def table_of(values: dict[str, np.ndarray], source: str = "log.csv", origin: int = 0) -> LogTable:
     t = values["t"]
     channels = {name: Channel(t, column) for name, column in values.items() if name != "t"}
-    return Table(source, channels, origin)
+    return LogTable(source, channels, origin)
 
 
 def prepared(values: dict[str, np.ndarray], mapping: Map | None = None, **robot) -> Recordings:
@@ -199,9 +199,9 @@ def test_rest_before_within_and_after_the_motion_is_not_used():
 def test_a_map_sets_a_higher_limit_of_rest():
     joints = {
         name: Joint(
-            position=Column(column=f"q{k}"),
-            velocity=Column(column=f"dq{k}"),
-            command=Column(column=f"tau{k}"),
+            position=ColumnMap(column=f"q{k}"),
+            velocity=ColumnMap(column=f"dq{k}"),
+            command=ColumnMap(column=f"tau{k}"),
             rest=1.0 if k == 1 else 0.0,
         )
         for k, name in enumerate(JOINTS, 1)
@@ -288,7 +288,7 @@ def test_coupled_joints():
     given = {"t": values["t"]}
     for k in range(2):
         given |= {f"q{k}": motor_q[:, k], f"v{k}": motor_v[:, k], f"u{k}": motor_u[:, k]}
-    coupling = Coupling(position=R.tolist(), torque=R.T.tolist())  # pyright: ignore[reportArgumentType]
+    coupling = MotorCoupling(position=R.tolist(), torque=R.T.tolist())  # pyright: ignore[reportArgumentType]
     log = prepared(given, without_rest_dropped(coupling=coupling)).segments[0].log
     for part, wanted in zip(log[1:], (q, v, u), strict=True):
         np.testing.assert_allclose(part, wanted, atol=1e-9)
@@ -296,10 +296,10 @@ def test_coupled_joints():
 
 def test_a_singular_coupling_is_refused():
     with pytest.raises(InvalidInput, match="invertible"):
-        prepared(columns(), Map(coupling=Coupling(position=((1.0, 1.0), (1.0, 1.0)))))
+        prepared(columns(), Map(coupling=MotorCoupling(position=((1.0, 1.0), (1.0, 1.0)))))
 
 
-def split(origin: int, shift: float = 0.0, rate: int = 2) -> list[Table]:
+def split(origin: int, shift: float = 0.0, rate: int = 2) -> list[LogTable]:
     """Positions and commands in two files with their own rates."""
     values = columns()
     q = {name: x for name, x in values.items() if name[0] in "tqd" and name[:3] != "tau"}
@@ -341,14 +341,15 @@ def test_several_complete_files_are_several_segments():
 
 def test_a_column_that_does_not_exist_is_refused():
     joints = {
-        name: Joint(position=Column(column="q"), command=Column(column="tau1")) for name in JOINTS
+        name: Joint(position=ColumnMap(column="q"), command=ColumnMap(column="tau1"))
+        for name in JOINTS
     }
     with pytest.raises(InvalidInput, match="a column of the log"):
         prepared(columns(), Map(joints=joints))
 
 
 def test_a_map_of_other_joints_is_refused():
-    joint = Joint(position=Column(column="q1"), command=Column(column="tau1"))
+    joint = Joint(position=ColumnMap(column="q1"), command=ColumnMap(column="tau1"))
     with pytest.raises(InvalidInput, match="actuated joints are shoulder, elbow"):
         prepared(columns(), Map(joints={"shoulder": joint}))
 

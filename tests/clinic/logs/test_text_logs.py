@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from nsaid_mj.base.findings import Finding
 from nsaid_mj.clinic.logs.formats import text
 from nsaid_mj.clinic.logs.mapping import Time
-from nsaid_mj.clinic.logs.tables import Table, read, read_tables
+from nsaid_mj.clinic.logs.tables import LogTable, read, read_tables
 from nsaid_mj.clinic.logs.unusable import UnreadableLog
 
 VALUES = np.array([[0.0, 1.5, -2.0], [0.01, 1.25, -2.5e-3], [0.02, 1.0, 3.0], [0.03, 0.75, 1e3]])
 
 
-def read_text(folder: Path, content: str | bytes, name: str = "log.csv") -> Table:
+def read_text(folder: Path, content: str | bytes, name: str = "log.csv") -> LogTable:
     path = folder / name
     path.write_bytes(content.encode() if isinstance(content, str) else content)
     return read(path)
@@ -137,7 +137,7 @@ def test_dialect_prefers_the_delimiter_of_all_lines():
 # -- nothing is lost in silence --------------------------------------------------------------------
 
 
-def codes(table: Table) -> dict[str, Finding]:
+def codes(table: LogTable) -> dict[str, Finding]:
     return {finding.code: finding for finding in table.findings}
 
 

@@ -11,7 +11,7 @@ from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.clinic.logs.checks import checks
 from nsaid_mj.clinic.logs.mapping import Map, map_of
 from nsaid_mj.clinic.logs.preparation import prepare
-from nsaid_mj.clinic.logs.tables import Channel, Table
+from nsaid_mj.clinic.logs.tables import Channel, LogTable
 from nsaid_mj.clinic.logs.unusable import UnmatchedChannels
 from nsaid_mj.robots.model import RobotModel
 
@@ -28,12 +28,12 @@ def quadrotor() -> RobotModel:
     return load_robot_model("hummingbird")
 
 
-def table(columns: dict[str, np.ndarray], robot: RobotModel) -> Table:
+def table(columns: dict[str, np.ndarray], robot: RobotModel) -> LogTable:
     rng = np.random.default_rng(0)
     commands = {f"m{k}": np.sin((k + 1) * T) + rng.normal(size=len(T)) for k in range(9)}
     names = [f"m{k}" for k in range(len(robot.joints))]
     channels = columns | {name: commands[name] for name in names}
-    return Table("flight.csv", {n: Channel(T, x) for n, x in channels.items()}, 0)
+    return LogTable("flight.csv", {n: Channel(T, x) for n, x in channels.items()}, 0)
 
 
 def named(name: str, values: np.ndarray) -> dict[str, np.ndarray]:

@@ -11,7 +11,7 @@ from nsaid_mj.core.parameters import Block, ParameterSpace
 from nsaid_mj.lab.evaluation.statistics import Accuracy, LawUsed
 from nsaid_mj.lab.plants.world.faults.text import parse_faults
 from nsaid_mj.watch import Misfit, drift_of
-from nsaid_mj.watch.drift import Rival, Rivals, walks
+from nsaid_mj.watch.drift import DriftHypothesis, Rivals, walks
 from tests.support.summaries import run_result
 
 from .test_never_wrong import known_of, misfit, ran, system_of
@@ -49,7 +49,7 @@ def rivals(*evidence: float) -> Rivals:
     return made._replace(each=tuple(map(with_evidence, made.each, evidence)))
 
 
-def with_evidence(rival: Rival, evidence: float) -> Rival:
+def with_evidence(rival: DriftHypothesis, evidence: float) -> DriftHypothesis:
     tally = np.array([1.0, 0.0, -2 * evidence, 0.0])
     return rival._replace(filter=rival.filter._replace(tally=tally))
 

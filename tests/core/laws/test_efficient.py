@@ -22,7 +22,7 @@ from nsaid_mj.core.structure.joints import JointScales
 from nsaid_mj.core.structure.multibody import CompiledMultibody
 from nsaid_mj.core.structure.system import SecondOrderSystem
 from nsaid_mj.lab.evaluation.bound import bound_figures, cramer_rao
-from nsaid_mj.lab.evaluation.confidence import Known, known
+from nsaid_mj.lab.evaluation.confidence import KnownDirections, known
 from nsaid_mj.lab.evaluation.figures import Judge
 from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.library import load
@@ -46,7 +46,7 @@ class Followed(NamedTuple):
         return Judge(self.truth)(self.state.theta_hat)
 
     @property
-    def known(self) -> Known:
+    def known(self) -> KnownDirections:
         system, theta = self.setup.system, self.state.theta_hat
         stated = self.setup.identifiers()[""].confidence(self.state)
         assert stated is not None

@@ -26,7 +26,7 @@ from nsaid_mj.core.parameters import Array
 from nsaid_mj.core.quotient import cone as geometry
 from nsaid_mj.core.quotient.cost import Quotient, Remembered
 from nsaid_mj.lab.control.driver import Driver
-from nsaid_mj.lab.evaluation.confidence import Known, known
+from nsaid_mj.lab.evaluation.confidence import KnownDirections, known
 from nsaid_mj.lab.evaluation.figures import actuator_ratio_error
 from nsaid_mj.lab.evaluation.lyapunov import energy, rises_of
 from nsaid_mj.lab.evaluation.summary import summary_of
@@ -357,7 +357,7 @@ def test_a_sample_may_be_longer_than_a_block_and_an_interval():
 # -- noise ---------------------------------------------------------------------------------------
 
 
-def knowledge(law: NullspaceIdentifier, state: State) -> Known:
+def knowledge(law: NullspaceIdentifier, state: State) -> KnownDirections:
     stated = law.confidence(state)
     assert stated is not None
     system, theta = law.system, state.theta_hat
@@ -365,7 +365,7 @@ def knowledge(law: NullspaceIdentifier, state: State) -> Known:
 
 
 @cache
-def confidence_after(seed: int, seconds: float) -> tuple[Known, float, float]:
+def confidence_after(seed: int, seconds: float) -> tuple[KnownDirections, float, float]:
     """What a BlueROV2's estimate knows after some time with noise, its coverage and error."""
     log = driven("bluerov2", seconds, seed=seed)
     law = build("bluerov2", inside(log, seed), NOISE.levels)

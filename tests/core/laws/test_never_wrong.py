@@ -24,7 +24,7 @@ from nsaid_mj.core.nullspace.subspace import parts_of, structural
 from nsaid_mj.core.parameters import Block, ParameterSpace
 from nsaid_mj.core.quotient.cone import cone_of, inside
 from nsaid_mj.core.structure.system import SecondOrderSystem, gains_by_command
-from nsaid_mj.lab.evaluation.confidence import Known, known
+from nsaid_mj.lab.evaluation.confidence import KnownDirections, known
 from nsaid_mj.lab.evaluation.run_misfit import misfit_of
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.plants.world.faults.text import parse_faults
@@ -98,7 +98,7 @@ class Rows:
         return self._theta_hat[rows]
 
 
-def known_of(found: Ran, widening: float = 1.0) -> Known:
+def known_of(found: Ran, widening: float = 1.0) -> KnownDirections:
     setup, theta, system = found.setup, found.state.theta_hat, found.setup.system
     stated = setup.identifiers()[""].confidence(found.state)
     assert stated is not None

@@ -12,7 +12,7 @@ from nsaid_mj.core.log import Log, SensorLevels
 from nsaid_mj.core.structure.joints import JointTree
 from nsaid_mj.lab.baselines import BATCH
 from nsaid_mj.lab.baselines import sysid as toolbox_module
-from nsaid_mj.lab.baselines.base import Estimate, follow
+from nsaid_mj.lab.baselines.base import MethodEstimate, follow
 from nsaid_mj.lab.baselines.least_squares import (
     Gauge,
     candidates,
@@ -27,13 +27,15 @@ from nsaid_mj.lab.baselines.least_squares import (
 from nsaid_mj.lab.baselines.sysid import sysid
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
-from nsaid_mj.plans.studies.compare import World, comparison_plan
+from nsaid_mj.plans.studies.compare import ComparedPlant, comparison_plan
 
 
 @cache
 def world(name, duration, noise=0.0, **changes):
     scenario = replace(load(name), duration=duration, **changes)
-    return World(comparison_plan(name, scenario, durations=(duration,), noises=(noise,)), 0, noise)
+    return ComparedPlant(
+        comparison_plan(name, scenario, durations=(duration,), noises=(noise,)), 0, noise
+    )
 
 
 @pytest.fixture(scope="module")
@@ -178,7 +180,7 @@ def test_an_unevenly_sampled_log_is_refused(pendulum):
 def test_every_method_approaches_the_truth_on_exact_data(name, scenario):
     seconds = 6.0 if scenario == "double_pendulum" else 40.0
     here, found = world(scenario, seconds), estimated(name, scenario, seconds)
-    before, after = (figures(here, e) for e in (Estimate(here._problem.prior), found))
+    before, after = (figures(here, e) for e in (MethodEstimate(here._problem.prior), found))
     assert after["theta_perp_ratio"] < 0.2 * before["theta_perp_ratio"]
     assert after["force_residual_ratio"] < 0.05 * before["force_residual_ratio"]
     assert after["actuator_ratio_error"] <= 0.1 * before["actuator_ratio_error"]
@@ -218,7 +220,7 @@ def test_the_cut_off_comes_from_the_log_and_is_nearly_the_best():
     gauge = Gauge(problem.system, problem.prior)
     W, rate, _ = filtered(problem)
     residuals = [
-        figures(here, Estimate(gauge.scale * weighted(gauge, low_passed(W, rate, cutoff))))
+        figures(here, MethodEstimate(gauge.scale * weighted(gauge, low_passed(W, rate, cutoff))))
         for cutoff in candidates(rate, len(W), problem.system)
     ]
     forces = [f["force_residual_ratio"] for f in residuals]
@@ -249,7 +251,7 @@ def test_recursive_least_squares_keeps_its_known_gain(pendulum):
 def test_an_identifier_gives_the_same_estimate_from_a_log_as_in_a_run(tmp_path):
     scenario = replace(load("scalar_rov"), duration=2.0)
     study = comparison_plan("scalar_rov", scenario, methods=("paper",), durations=(2.0,))
-    here = World(study, 0, 0.0)
+    here = ComparedPlant(study, 0, 0.0)
     done = run(here._setup.scenario, tmp_path)
     followed = here._methods["paper"](here._problem)
     assert np.array_equal(followed.theta, done.record["theta_hat_paper"][-1])
@@ -321,7 +323,7 @@ def test_sysid_identifies_an_arm_within_its_time_budget():
     theta, note = sysid(here._problem, budget=15.0)
     assert time.process_time() - begin < 25.0
     assert "6 chunks" in note
-    before, after = (figures(here, Estimate(t)) for t in (here._problem.prior, theta))
+    before, after = (figures(here, MethodEstimate(t)) for t in (here._problem.prior, theta))
     assert after["force_residual_ratio"] < 0.1 * before["force_residual_ratio"]
 
 

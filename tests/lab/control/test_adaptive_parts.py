@@ -20,7 +20,7 @@ from nsaid_mj.core.parameters import Array, Block, ParameterSpace
 from nsaid_mj.core.structure.parts import Column
 from nsaid_mj.core.structure.system import SecondOrderSystem
 from nsaid_mj.lab.control.adaptive.actuation import Actuation, unit_forces
-from nsaid_mj.lab.control.adaptive.laws import Estimate
+from nsaid_mj.lab.control.adaptive.laws import ControllerEstimate
 from nsaid_mj.lab.control.adaptive.reference import (
     loop_frequency,
     mean_inertia,
@@ -386,7 +386,7 @@ def test_a_step_of_the_adaptation_is_of_second_order():
     ).y[:, -1]
     errors = []
     for steps in (20, 40):
-        estimate = Estimate(prior, metric)
+        estimate = ControllerEstimate(prior, metric)
         for _ in range(steps):
             estimate.learn(slope, 0.4 / steps)
         errors.append(np.abs(estimate.theta - exact).max())
@@ -396,7 +396,7 @@ def test_a_step_of_the_adaptation_is_of_second_order():
 
 def test_an_estimate_that_cannot_move_stays():
     _, metric, prior = two()
-    estimate = Estimate(prior, metric)
+    estimate = ControllerEstimate(prior, metric)
     estimate.learn(np.full(2, np.nan), 0.1)
     assert (estimate.theta == prior).all()
     estimate.learn(np.ones(2), 0.1)
@@ -404,7 +404,7 @@ def test_an_estimate_that_cannot_move_stays():
 
 
 def test_only_an_estimate_that_listens_is_informed():
-    constant, prior = Estimate(np.ones(3)), np.ones(3)
+    constant, prior = ControllerEstimate(np.ones(3)), np.ones(3)
     constant.learn(np.ones(3), 1.0)
     assert (constant.theta == prior).all()
     for law, listens in (("composite", True), ("computed_torque", False), ("nullspace", False)):

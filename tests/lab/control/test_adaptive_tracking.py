@@ -20,7 +20,7 @@ from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.core.laws.metric import ConstantMetric
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.lab.control.adaptive.actuation import Actuation
-from nsaid_mj.lab.control.adaptive.laws import Estimate
+from nsaid_mj.lab.control.adaptive.laws import ControllerEstimate
 from nsaid_mj.lab.control.adaptive.tracker import AdaptiveTracking, Tracker, command_range
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import Observer, run
@@ -150,8 +150,8 @@ def test_gains_stay_positive_whatever_the_errors_and_cross_zero_with_constant_ga
     metric, prior, gains = control.metric, control.theta_hat, system.space.actuators
     assert isinstance(metric, ConeMetric)
     rng = np.random.default_rng(0)
-    curved = Estimate(prior, metric)
-    flat = Estimate(prior, ConstantMetric(metric.Gamma))
+    curved = ControllerEstimate(prior, metric)
+    flat = ControllerEstimate(prior, ConstantMetric(metric.Gamma))
     lowest = np.inf
     for _ in range(200):
         slope = 10 ** rng.uniform(-2, 3) * rng.standard_normal(system.p) / system.space.scale

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from nsaid_mj.lab.evaluation.confidence import INTERVAL, Known
+from nsaid_mj.lab.evaluation.confidence import INTERVAL, KnownDirections
 from nsaid_mj.lab.evaluation.figures import last_tenth
 from nsaid_mj.lab.evaluation.run_evaluation import evaluate
 from nsaid_mj.lab.evaluation.statistics import (
@@ -36,7 +36,7 @@ def test_intervals_of_the_right_width_cover_95_percent():
         theta /= np.linalg.norm(theta)
         estimate = theta + deviation * rng.standard_normal(p)
         estimate /= np.linalg.norm(estimate)
-        found = Known(np.eye(p), deviation, np.zeros(p, bool), np.zeros(0), np.ones(1))
+        found = KnownDirections(np.eye(p), deviation, np.zeros(p, bool), np.zeros(0), np.ones(1))
         covered.append(found.covered(estimate, 3.0 * theta))
     assert np.mean(covered) == pytest.approx(0.95, abs=0.005)
 

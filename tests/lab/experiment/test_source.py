@@ -11,7 +11,7 @@ from nsaid_mj.core.log import Log
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.plants.world.sensors import Errors, Sensors
 from nsaid_mj.lab.setup import Setup
-from nsaid_mj.lab.source import Segment, Simulation
+from nsaid_mj.lab.source import Simulation, SourceSegment
 
 LENGTH = 100  # time steps of a segment
 
@@ -31,7 +31,7 @@ SCENARIOS = {
 }
 
 
-def segments(scenario: Scenario) -> tuple[list[Segment], int]:
+def segments(scenario: Scenario) -> tuple[list[SourceSegment], int]:
     """The segments of a run, and how many were simulated before the run asked for them."""
     setup, k, ahead = Setup.of(scenario), 0, 0
     moved = setup.plant, setup.driver(), setup.sensors()

@@ -14,10 +14,10 @@ from nsaid_mj.base.errors import BadRun, InvalidInput, NoEstimate, UnknownName
 from nsaid_mj.cli.commands import command
 from nsaid_mj.core.laws.conventional import ConventionalAID
 from nsaid_mj.lab.baselines import BATCH
-from nsaid_mj.lab.baselines.base import Estimate
+from nsaid_mj.lab.baselines.base import MethodEstimate
 from nsaid_mj.lab.library import load
 from nsaid_mj.plans.studies import compare, compare_report
-from nsaid_mj.plans.studies.compare import BOUND, PRIOR, World
+from nsaid_mj.plans.studies.compare import BOUND, PRIOR, ComparedPlant
 from nsaid_mj.plans.studies.compare_report import (
     groups_of,
     lines,
@@ -149,7 +149,7 @@ def test_the_bound_of_exact_sensors_is_refused():
 
 
 def test_noise_is_a_multiple_of_the_scenarios_and_stated_so():
-    exact, half, double = (World(plan(noises=(x,)), 0, x)._problem for x in (0.0, 0.5, 2.0))
+    exact, half, double = (ComparedPlant(plan(noises=(x,)), 0, x)._problem for x in (0.0, 0.5, 2.0))
     assert exact.noise.exact
     assert half.noise.velocity == 0.5 * SCALAR.noise.velocity
     assert double.noise.position == 2.0 * SCALAR.noise.position
@@ -166,7 +166,7 @@ def test_a_failing_method_says_why_and_the_others_continue(monkeypatch):
 
     monkeypatch.setitem(BATCH, "ols", lost)
     monkeypatch.setitem(BATCH, "wls", singular)
-    monkeypatch.setitem(BATCH, "tls", lambda p: Estimate(np.full_like(p.prior, np.nan)))
+    monkeypatch.setitem(BATCH, "tls", lambda p: MethodEstimate(np.full_like(p.prior, np.nan)))
     found = {c["method"]: c for c in cells(methods=("ols", "wls", "tls", "rls"), durations=(2.0,))}
     assert found["ols"]["failure"] == "it got lost. Look again."
     assert "Singular matrix" in found["wls"]["failure"]
@@ -188,7 +188,7 @@ def test_a_plant_that_diverges_fails_all_methods(monkeypatch):
     def diverge(*_):
         raise NoEstimate("the plant diverged (qacc)", "Use a smaller dt.")
 
-    monkeypatch.setattr(World, "__init__", diverge)
+    monkeypatch.setattr(ComparedPlant, "__init__", diverge)
     found = cells()
     assert len(found) == 6
     assert all("diverged" in cell["failure"] for cell in found)
@@ -366,7 +366,7 @@ def test_bad_flags_say_what_would_be_accepted(flags, message):
 
 def test_an_unwritable_folder_is_refused_before_any_work(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
-    monkeypatch.setattr(World, "__init__", lambda *_: pytest.fail("it has begun"))
+    monkeypatch.setattr(ComparedPlant, "__init__", lambda *_: pytest.fail("it has begun"))
     with pytest.raises(BadRun, match="--out"):
         compare.run_comparison(plan(), tmp_path / "file" / "out", quiet=True)
 
@@ -376,7 +376,7 @@ def test_stopped_by_ctrl_c_it_writes_what_it_has(tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setitem(BATCH, "ols", stopped)
-    monkeypatch.setattr(World, "warm_up", lambda _: None)
+    monkeypatch.setattr(ComparedPlant, "warm_up", lambda _: None)
     with pytest.raises(KeyboardInterrupt):
         compare.run_comparison(plan(), tmp_path, quiet=True)
     found = json.loads((tmp_path / "compare.json").read_text())

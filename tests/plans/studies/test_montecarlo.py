@@ -32,7 +32,7 @@ from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.setup import Setup
 from nsaid_mj.plans.studies import montecarlo, montecarlo_results
 from nsaid_mj.plans.studies.folder import ROWS, TABLE
-from nsaid_mj.plans.studies.montecarlo import Course, montecarlo_plan
+from nsaid_mj.plans.studies.montecarlo import DrawnMotion, montecarlo_plan
 from nsaid_mj.report.terminal import print_page
 from tests.support.studies import COSTS, monte_carlo
 from tests.support.summaries import summarize
@@ -68,12 +68,12 @@ def figures(rows: list[dict]) -> list[dict]:
     return [{key: value for key, value in row.items() if key not in COSTS} for row in rows]
 
 
-def course_of(scenario: Scenario) -> Course:
+def course_of(scenario: Scenario) -> DrawnMotion:
     (course,) = montecarlo.simulate([scenario], montecarlo.ThreadPoolExecutor(1))
     return course
 
 
-def stepped(course: Course, scenario: Scenario) -> State:
+def stepped(course: DrawnMotion, scenario: Scenario) -> State:
     """The last state of a draw, one `step` after the other."""
     law = course.setup.with_prior_of(scenario).identifiers()[""]
     state = law.init(course.log.at(0))
@@ -187,7 +187,7 @@ def test_zero_runs_or_zero_jobs_is_refused(runs, jobs, name):
 FULL = 12  # identifiers that share a motion
 
 
-def laws_of(course: Course, count: int) -> list[NullspaceIdentifier]:
+def laws_of(course: DrawnMotion, count: int) -> list[NullspaceIdentifier]:
     """Identifiers whose priors and gains all differ."""
     laws = []
     for k in range(count):
@@ -227,7 +227,7 @@ def alone(law: NullspaceIdentifier, log: Log) -> tuple[State, Estimates]:
 
 
 @pytest.fixture(scope="module")
-def arm() -> Course:
+def arm() -> DrawnMotion:
     return course_of(ARM)
 
 

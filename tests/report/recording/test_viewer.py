@@ -15,7 +15,7 @@ from nsaid_mj.core.laws.base import Status
 from nsaid_mj.core.log import Measurement
 from nsaid_mj.lab import live_recording as live
 from nsaid_mj.lab.live_recording import LiveRecording
-from nsaid_mj.lab.loop import Robot, run
+from nsaid_mj.lab.loop import RobotDescription, run
 from nsaid_mj.report.recording import forces, scene, viewer
 from tests.support.faulty import WITH_RIVAL as ROV
 from tests.support.recordings import VEHICLE, column, drawn_rows, entities_of
@@ -95,7 +95,7 @@ def test_live_sees_no_true_value(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     monkeypatch.setattr(type(plant), "truth", property(lambda self: 1 / 0))
     observer = LiveRecording("rov")
     first = Measurement(0.0, *plant.system.random_state(np.random.default_rng(0)))
-    observer._start(Robot(plant.system, plant.system.space.scale, plant), first)
+    observer._start(RobotDescription(plant.system, plant.system.space.scale, plant), first)
     observer._rec = None
     observer.stop()
 

@@ -13,7 +13,7 @@ import scipy.linalg
 from ....core import Array, Indices
 from ..fit import cost_of, gramians, minimise
 from ..joints import JointRows
-from ..problem import Problem, folds
+from ..problem import FitProblem, folds
 from .columns import Choice
 
 _FOLDS = 5
@@ -62,7 +62,7 @@ def rms(errors: Array) -> float:
 
 
 def shared_errors(
-    problem: Problem, near: Mapping[str, float] | None = None
+    problem: FitProblem, near: Mapping[str, float] | None = None
 ) -> tuple[Array, dict[str, float]]:
     """(5,) held-out errors of the physical fit, and its parameters by name.
 

@@ -26,9 +26,9 @@ from ..joint_checks import (
 )
 from ..joints import JointRows
 from ..links import file_links
-from ..problem import Problem
+from ..problem import FitProblem
 from ..residuals import Suspect
-from ..result import JointFit, Options, Structured
+from ..result import JointStructure, Options, Structured
 from ..smoothing import refined as finer
 from ..smoothing import twice_as_noisy
 from ..suspects import arm_suspects
@@ -97,7 +97,7 @@ def structured_arm(
         validation = finer(validation)
         checked = rows.like(validation, filter_for(validation, chosen.cutoff)).problem(choice)
 
-    def noisier(theta: Array) -> tuple[Problem, Iterator[Suspect]]:
+    def noisier(theta: Array) -> tuple[FitProblem, Iterator[Suspect]]:
         other = rows.like(finer(twice_as_noisy(measured)), chosen)
         again = other.problem(choice)
         return again, arm_suspects(other, choice, again, theta)
@@ -119,17 +119,17 @@ def structured_arm(
     )
 
 
-def _chosen(robot: RobotModel, choice: Choice) -> tuple[JointFit, ...]:
+def _chosen(robot: RobotModel, choice: Choice) -> tuple[JointStructure, ...]:
     """What was chosen for every joint."""
     parts = zip(robot.joints, choice.columns, choice.speed, choice.delay.tolist(), strict=True)
     return tuple(
-        JointFit(name, columns=tuple(sorted(own)), friction_speed=SPEEDS[s], delay=d)
+        JointStructure(name, columns=tuple(sorted(own)), friction_speed=SPEEDS[s], delay=d)
         for name, own, s, d in parts
     )
 
 
 def _finished(
-    rows: JointRows, choice: Choice, problem: Problem, options: Options
+    rows: JointRows, choice: Choice, problem: FitProblem, options: Options
 ) -> tuple[Choice, float | None, list[Finding]]:
     """The choice completed by fits of the whole structure, the deviation of its delays, and notes.
 
@@ -150,7 +150,7 @@ def _finished(
     return choice, doubt, notes
 
 
-def _alternatives(rows: JointRows, choice: Choice, doubt: float | None) -> Iterator[Problem]:
+def _alternatives(rows: JointRows, choice: Choice, doubt: float | None) -> Iterator[FitProblem]:
     """Other plausible problems; `doubt` is the standard deviation of the delays [s], if any."""
     trials = []
     last = len(SPEEDS) - 1

@@ -13,9 +13,9 @@ from ....core import Array, rate_labels
 from ....robots import RobotModel
 from ...logs.recordings import Recordings
 from ..fit import inflation, minimise, tempered, tempered_fit
-from ..problem import Problem
+from ..problem import FitProblem
 from ..residuals import Suspect
-from ..result import JointFit, Options, Structured
+from ..result import JointStructure, Options, Structured
 from ..suspects import command_suspects
 from ..vehicles import VehicleRows
 from .columns import EXTRA
@@ -94,7 +94,7 @@ def structured_vehicle(
         problem,
         _alternatives(rows, columns, timing, others),
         checked,
-        tuple(JointFit(name, columns=own, delay=late) for name in rate_labels(rows.system)),
+        tuple(JointStructure(name, columns=own, delay=late) for name in rate_labels(rows.system)),
         tuple(findings),
         rows.chosen.cutoff,
         rows.delays(timing),
@@ -173,7 +173,7 @@ def _most_informative(
 
 def _alternatives(
     rows: VehicleRows, columns: frozenset[str], timing: Timing, others: list[Timing]
-) -> Iterator[Problem]:
+) -> Iterator[FitProblem]:
     """Other plausible problems: without further columns, at other timings, of a narrower filter."""
     if columns:
         yield rows.problem(frozenset(), timing)

@@ -24,7 +24,7 @@ from ...structure.system import SecondOrderSystem
 from ..base import Confidence, State
 from ..cone.law import ConeMetric
 from ..settings import MemoryConfig
-from .statistics import Memory, Recorder, View
+from .statistics import Memory, Recorder, ResidualView
 
 _RULES = Rules(steps=30, halvings=8, done=1e-6, close=1e-3)  # of Newton's method in a step
 _SOLVED = 1e-4  # Newton decrement above which an implicit step counts as not solved
@@ -139,7 +139,7 @@ class ImplicitMemory:
                 theta = ahead.theta
                 break
             pace *= _SHORTER
-        view = View(theta, *remembered.residuals(theta))
+        view = ResidualView(theta, *remembered.residuals(theta))
         return theta, memory._replace(scores=memory.scores._replace(view=view))
 
     def _hold(self, cost: Quotient, theta: Array, memory: Memory) -> Array:

@@ -25,7 +25,7 @@ _PIECE = 64  # steps whose regressors are in memory at once: they fit the cache
 _JUDGED = 50  # blocks, at least, before their scores show an estimate's uncertainty
 
 
-class View(NamedTuple):
+class ResidualView(NamedTuple):
     """An estimate, and the weights of the residuals that it leaves in later blocks."""
 
     theta: Array  # (p,) the estimate
@@ -36,7 +36,7 @@ class View(NamedTuple):
 class Scores(NamedTuple):
     """Scores of the blocks: gradients of ½ residual² under the estimate that preceded them."""
 
-    view: View | None  # view of the last estimate; None before the first
+    view: ResidualView | None  # view of the last estimate; None before the first
     latest: Array  # (4, p) scores of the last blocks
     # (p, p) mean of the scores' outer products, summed over neighbouring blocks: the middle of the
     # sandwich covariance

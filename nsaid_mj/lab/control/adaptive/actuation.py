@@ -17,7 +17,7 @@ _RANK = 1e-6  # smallest singular value of a group's B, relative to the largest
 
 
 @dataclass(frozen=True)
-class Group:
+class ActuatedGroup:
     """Indices of velocities, and of the commands (at least as many) that act on these alone."""
 
     rows: Indices
@@ -80,7 +80,7 @@ class Actuation:
             [np.interp(effort[i], f, self._commands[i]) for i, f in enumerate(self._efforts)]
         )
 
-    def _share(self, B: Array, force: Array, group: Group) -> Array:
+    def _share(self, B: Array, force: Array, group: ActuatedGroup) -> Array:
         """Efforts of a group's actuators, scaled to be within their limits."""
         k = group.columns
         own = B[np.ix_(group.rows, group.columns)]
@@ -148,7 +148,7 @@ def curves(system: SecondOrderSystem, unit: Array, knots: Array) -> tuple[list[A
     return commands, efforts
 
 
-def groups(system: SecondOrderSystem, B: Array) -> list[Group]:
+def groups(system: SecondOrderSystem, B: Array) -> list[ActuatedGroup]:
     """The smallest decoupled groups of velocities and commands.
 
     Raises:
@@ -166,7 +166,7 @@ def groups(system: SecondOrderSystem, B: Array) -> list[Group]:
                 break
             rows = wider
             columns = more
-        group = Group(np.array(sorted(rows)), np.array(sorted(columns), dtype=np.intp))
+        group = ActuatedGroup(np.array(sorted(rows)), np.array(sorted(columns), dtype=np.intp))
         part = B[np.ix_(group.rows, group.columns)]
         size = np.linalg.svd(part, compute_uv=False) if part.size else np.zeros(1)
         if len(columns) < len(rows) or not size.min() > _RANK * size.max():

@@ -24,7 +24,7 @@ from ....core import (
 from .reference import PriorMotion, loop_frequency
 
 
-class Estimate:
+class ControllerEstimate:
     """θ̂ of a controller, adapted by θ̂̇ = −(∇²ψ(θ̂))⁻¹ Wᵀ s in a metric's chart, or constant.
 
     The slope −Wᵀ s does not depend on θ̂. It is taken half-way between two samples and held in
@@ -137,7 +137,7 @@ class Demand(NamedTuple):
 class TrackingLaw:
     """A tracking law."""
 
-    estimate: Estimate  # θ̂ and its adaptation
+    estimate: ControllerEstimate  # θ̂ and its adaptation
     # (n,) K_d of W(t, x, v_r, v̇_r, u) θ̂ = K_d s; None for computed torque
     damping: Array | None = None
     # κ of computed torque, W(t, x, v, v̇_r − κ s, u) θ̂₀ = 0: under θ̂₀, ṡ = −κ s [1/s]

@@ -161,21 +161,23 @@ class AdaptiveTracking(DriverConfig):
     def _law(
         self, system: SecondOrderSystem, prior: Array, reference: Reference, actuation: Actuation
     ) -> TrackingLaw:
-        from .laws import Estimate, TrackingLaw, conventional, nullspace
+        from .laws import ControllerEstimate, TrackingLaw, conventional, nullspace
         from .reference import mean_inertia, prior_motion, stiffness
 
         damping = self.damping * mean_inertia(system, prior)
         if self.law == "computed_torque":
-            return TrackingLaw(Estimate(prior), decay=self.damping)
+            return TrackingLaw(ControllerEstimate(prior), decay=self.damping)
         if self.law == "composite":
-            return TrackingLaw(Estimate(prior), damping, informed=True)
+            return TrackingLaw(ControllerEstimate(prior), damping, informed=True)
         period = 1 / self.fundamental
         motion = prior_motion(system, prior, reference, actuation, period)
         shape = stiffness(motion, system.space.scale, damping, self.floor)
         known = system.space, motion, shape, self.adaptation
         if self.law == "conventional":
-            return TrackingLaw(Estimate(prior, conventional(*known)), damping)
-        return TrackingLaw(Estimate(prior, nullspace(*known, prior, self.barrier)), damping)
+            return TrackingLaw(ControllerEstimate(prior, conventional(*known)), damping)
+        return TrackingLaw(
+            ControllerEstimate(prior, nullspace(*known, prior, self.barrier)), damping
+        )
 
     def _reference(self, system: SecondOrderSystem, rng: np.random.Generator) -> Reference:
         from ..signals import FourierTrajectory

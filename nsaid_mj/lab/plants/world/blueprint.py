@@ -15,7 +15,7 @@ import numpy as np
 from ....base import InvalidInput, Name, Share, config
 from ....core import Array, Block, Operation, Term, of_a_body
 from ....robots import VehicleFiles, folder, vehicle_files
-from .body import BODY, JOINTS, Inertia, command_inputs, hidden, vehicle_spec
+from .body import BODY, JOINTS, BodyInertia, command_inputs, hidden, vehicle_spec
 from .config import KnownPlant
 from .mismatch import Mismatch
 from .sheet import Sheet
@@ -91,7 +91,7 @@ class Blueprint:
         theta[start:] = hidden(theta[start:], spread * np.concatenate(shares), rng)
         return theta
 
-    def split(self, theta: Array) -> tuple[Inertia, Array]:
+    def split(self, theta: Array) -> tuple[BodyInertia, Array]:
         """Divides θ (p,) into a rigid body and (p,) θ of forces on it, added mass among them.
 
         Only the sum of both parts of M can be identified. The rigid-body part is the nominal one
@@ -114,7 +114,7 @@ class Blueprint:
         if self.system.n < 6:  # in the plane only yaw matters, along the vertical no rotation
             rigid = rigid.copy()
             np.fill_diagonal(rigid[3:, 3:], rigid[5, 5] or rigid[0, 0])
-        return Inertia.of_matrix(rigid), acting
+        return BodyInertia.of_matrix(rigid), acting
 
     @cached_property
     def _tensor(self) -> Array:

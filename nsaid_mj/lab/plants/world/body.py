@@ -20,7 +20,7 @@ NED = np.array([1.0, -1.0, -1.0])
 """Signs that convert x forward, y right, z down to x forward, y left, z up, and back."""
 
 
-class Inertia(NamedTuple):
+class BodyInertia(NamedTuple):
     """Inertia of a rigid body."""
 
     mass: float  # [kg]
@@ -28,11 +28,11 @@ class Inertia(NamedTuple):
     inertia: Array  # (3, 3) about the centre of mass [kg·m²]
 
     @staticmethod
-    def of_matrix(M: Array) -> Inertia:
+    def of_matrix(M: Array) -> BodyInertia:
         """From the mass matrix (6, 6) about the origin."""
         mass = float(M[0, 0])
         lever = np.array([M[1, 5], M[2, 3], M[0, 4]]) / M[0, 0]
-        return Inertia(mass, lever, M[3:, 3:] - mass * _steiner(lever))
+        return BodyInertia(mass, lever, M[3:, 3:] - mass * _steiner(lever))
 
     def matrix(self) -> Array:
         """(6, 6) mass matrix about the origin."""
@@ -62,7 +62,7 @@ _BOX = """<mujoco model="{name}"><worldbody><body name="vehicle">{joints}
 def vehicle_spec(
     files: VehicleFiles,
     dt: float,
-    inertia: Inertia,
+    inertia: BodyInertia,
     size: Sequence[float] | None = None,
     n: int = 6,
 ) -> Any:

@@ -58,7 +58,7 @@ class ParametricPlantConfig(PlantConfig, ABC):
         """Makes the plant with time step dt [s] and the true θ (p,), or the published values."""
 
 
-class Known(NamedTuple):
+class PublishedRobot(NamedTuple):
     """What is published of a tree of joints."""
 
     source: Any  # the description from which plants are made

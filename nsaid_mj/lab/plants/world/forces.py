@@ -72,7 +72,7 @@ _rne = c_function("mj_rne", types.uintp, types.uintp, types.intc, types.uintp)
 
 
 @dataclass(frozen=True)
-class Forces:
+class ColumnForces:
     """The forces on a plant beyond MuJoCo's."""
 
     structure: Structure  # structure of the plant
@@ -131,7 +131,7 @@ class Forces:
         return [[start + k for k in own] for own in gains_of_commands(self.structure)]
 
 
-class _Memory(NamedTuple):
+class _ForceWorkspace(NamedTuple):
     """The callback's workspace."""
 
     q: Array  # (m,) the structure's position
@@ -146,7 +146,7 @@ class _Memory(NamedTuple):
     F: Array  # (z,) entries of F there
 
 
-_MEMORY = types.NamedTuple((f8[::1],) * 6 + (f8[:, ::1],) * 2 + (f8[::1],) * 2, _Memory)
+_MEMORY = types.NamedTuple((f8[::1],) * 6 + (f8[:, ::1],) * 2 + (f8[::1],) * 2, _ForceWorkspace)
 
 
 @helper(void(f8[::1], f8[::1], f8[::1], f8))
@@ -310,7 +310,7 @@ def _act_on_bodies(model, data, user, d, u, qpos, qvel, passive):
         matrix_of(user, _LAYOUT, _WORK + 4),
         vector_of(user, _LAYOUT, _WORK + 5),
     )
-    own = _Memory(
+    own = _ForceWorkspace(
         vector_of(user, _LAYOUT, _OWN),
         vector_of(user, _LAYOUT, _OWN + 1),
         vector_of(user, _LAYOUT, _OWN + 2),

@@ -25,7 +25,7 @@ from .faults.schedule import Schedule, Variant
 from .mismatch import Mismatch
 from .quiet import quiet
 from .sensors import EXACT_SENSORS, Sensors
-from .stepping import World, drive, sound, warnings_of
+from .stepping import SimulatedWorld, drive, sound, warnings_of
 
 
 class Plant(ABC):
@@ -233,7 +233,7 @@ class Plant(ABC):
         for column, first in zip(log, last, strict=True):
             column[0] = first
         errors = sensors.errors(steps, self.system.n)
-        world = World.of(self.model, self.data, self.substeps)
+        world = SimulatedWorld.of(self.model, self.data, self.substeps)
         return log.first(drive(law, world, reading, errors, log))
 
     def times(self, start: float, steps: int) -> Array:

@@ -25,7 +25,7 @@ Negative = Annotated[float, Field(ge=-LARGEST, le=-SMALLEST)]
 _REMEDY = "docs/your_vehicle.md explains every key; assets/ has complete examples."
 
 
-class Table(BaseModel):
+class SheetTable(BaseModel):
     """A table of a data sheet. Unknown keys, values of a wrong type, NaN and inf are errors.
 
     Every field's description says what is expected, with its unit; error messages quote it.
@@ -48,13 +48,13 @@ Place = Annotated[list[Number], Field(min_length=3, max_length=3)]
 """A point, or a direction."""
 
 
-class Guess(Table):
+class Guess(SheetTable):
     """An engineer's guesses before any measurement, of a vehicle in space."""
 
     speed: list[Positive] = several(6, "six velocities of operation > 0 [m/s, rad/s]")
 
 
-class Sheet(Table):
+class Sheet(SheetTable):
     """A complete data sheet.
 
     Attributes:
@@ -118,7 +118,7 @@ def _explained(sheet: type[Sheet], path: Path, error: ValidationError) -> Except
     return InvalidInput(f"{path}: {key}", expected, got, _REMEDY)
 
 
-def _declared(sheet: type[Table], places: Sequence[int | str]) -> tuple[type[Table], str]:
+def _declared(sheet: type[SheetTable], places: Sequence[int | str]) -> tuple[type[SheetTable], str]:
     """The table type that contains a location in a data sheet, and the value expected there.
 
     Places are keys and list indices, from the top level down.
@@ -133,7 +133,7 @@ def _declared(sheet: type[Table], places: Sequence[int | str]) -> tuple[type[Tab
         inner = field.annotation
         while get_origin(inner) is not None:
             inner = get_args(inner)[0]
-        if not (isinstance(inner, type) and issubclass(inner, Table)):
+        if not (isinstance(inner, type) and issubclass(inner, SheetTable)):
             break
         table = inner
     return table, expected

@@ -9,7 +9,7 @@ import numpy as np
 from ....core import Array, JointTree, SecondOrderSystem
 from ....robots import Looks, VisualMesh, of_geom
 from .coordinates import JointMap
-from .forces import Forces, column_forces
+from .forces import ColumnForces, column_forces
 from .mismatch import Mismatch
 from .plant import Plant
 
@@ -76,7 +76,7 @@ class SimulatedRobot(Plant):
     ):
         self.system = system
         self._truth = truth
-        forces = Forces(system.structure, acting, np.array(mismatch.flow))
+        forces = ColumnForces(system.structure, acting, np.array(mismatch.flow))
         self.passive = column_forces()
         self.gain_places = forces.gain_places
         spec.nuserdata = forces.size

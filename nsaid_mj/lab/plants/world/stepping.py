@@ -30,7 +30,7 @@ _LAST = int(mujoco.mjtWarning.mjWARN_BADCTRL)
 _mj_step = c_function("mj_step", types.uintp, types.uintp)
 
 
-class World(NamedTuple):
+class SimulatedWorld(NamedTuple):
     """MuJoCo's model and data for compiled code; the arrays are views of mjData."""
 
     model: np.uintp  # address of mjModel
@@ -42,11 +42,11 @@ class World(NamedTuple):
     substeps: int  # calls of mj_step in a time step
 
     @staticmethod
-    def of(model: Any, data: Any, substeps: int) -> World:
+    def of(model: Any, data: Any, substeps: int) -> SimulatedWorld:
         """Views of a model and its data, which must outlive them."""
         addresses = np.uintp(model._address), np.uintp(data._address)
         arrays = data.qpos, data.qvel, data.ctrl
-        return World(*addresses, *arrays, warnings_of(data), substeps)
+        return SimulatedWorld(*addresses, *arrays, warnings_of(data), substeps)
 
 
 def warnings_of(data: Any) -> Any:
@@ -54,7 +54,9 @@ def warnings_of(data: Any) -> Any:
     return data.warning.number[_FIRST : _LAST + 1]
 
 
-def drive(law: Array | Tracking, world: World, reading: Reading, errors: Errors, log: Log) -> int:
+def drive(
+    law: Array | Tracking, world: SimulatedWorld, reading: Reading, errors: Errors, log: Log
+) -> int:
     """Simulates in closed loop and fills a log of N samples whose times and first row are given.
 
     The law is the commands (N, n_u) at all times, or the parameters of `computed_torque`; MuJoCo's
@@ -69,7 +71,9 @@ def drive(law: Array | Tracking, world: World, reading: Reading, errors: Errors,
 
 
 WARNINGS = types.Array(types.int32, 1, "A")
-WORLD = types.NamedTuple((types.uintp, types.uintp, f8[::1], f8[::1], f8[::1], WARNINGS, i8), World)
+WORLD = types.NamedTuple(
+    (types.uintp, types.uintp, f8[::1], f8[::1], f8[::1], WARNINGS, i8), SimulatedWorld
+)
 LOG = types.NamedTuple((f8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1]), Log)
 
 
