@@ -18,7 +18,8 @@ from nsaid_mj import ArmPlant, NullspaceAID, Scenario
 from nsaid_mj.cli import grammar, process
 from nsaid_mj.cli import identify as identifying
 from nsaid_mj.cli.folders import folder_for, title_of
-from nsaid_mj.cli.options import MAIN, Run, parse, repeated
+from nsaid_mj.cli.grammar import RunOptions
+from nsaid_mj.cli.options import MAIN, parse, repeated
 from nsaid_mj.lab.evaluation.summary import result_from
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.scenario import field_paths
@@ -218,7 +219,7 @@ def test_a_file_beside_a_known_name_is_asked_for_by_its_path(
 # -- options -------------------------------------------------------------------------------------
 
 
-def options(name: str, *arguments: str) -> tuple[Scenario, Run]:
+def options(name: str, *arguments: str) -> tuple[Scenario, RunOptions]:
     return parse(name, load(name), arguments)
 
 
@@ -261,13 +262,13 @@ def test_a_flag_may_be_the_last_part_of_a_fields_name(
 def test_a_scenarios_field_is_a_flag(flag: str, field: str, value: float | str) -> None:
     scenario, output = options("scalar_rov", flag, str(value))
     assert getattr(scenario, field) == value != getattr(load("scalar_rov"), field)
-    assert output == Run(scenario="scalar_rov")
+    assert output == RunOptions(scenario="scalar_rov")
 
 
 def test_out_quiet_json_and_live_are_flags() -> None:
     scenario, output = options("ur5", "--out", "there", "--quiet", "--json", "--live")
     assert scenario == load("ur5")
-    assert output == Run(Path("there"), quiet=True, json=True, live=True, scenario="ur5")
+    assert output == RunOptions(Path("there"), quiet=True, json=True, live=True, scenario="ur5")
 
 
 def test_a_rivals_fields_are_flags() -> None:
