@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from nsaid_mj import ArmPlant, FourierTracking, Scenario
-from nsaid_mj.cli.process import code_of
 from nsaid_mj.lab.evaluation.summary import result_from
 from nsaid_mj.lab.setup import trajectory
+from nsaid_mj.report.exit_codes import code_of
 from nsaid_mj.robots.assets import known_robots, scenarios
 from tests.support.faulty import shell
 

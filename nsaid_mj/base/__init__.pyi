@@ -65,10 +65,10 @@ from .choices import FRAMES as FRAMES
 # The laws of `identify`: the fit to all rows at once, and those that also follow a log.
 from .choices import IDENTIFICATION_LAWS as IDENTIFICATION_LAWS
 
-# Columns of a joint on a log; see `calibration.choose.columns.COLUMNS`.
+# Columns of a joint on a log; see `clinic.identify.choose.columns.COLUMNS`.
 from .choices import JOINT_COLUMNS as JOINT_COLUMNS
 
-# The laws of `laws.NullspaceAID`.
+# The laws of `core.NullspaceAID`.
 from .choices import LAWS as LAWS
 
 # How a file of limits looks.
@@ -85,6 +85,9 @@ from .choices import VEHICLE_COLUMNS as VEHICLE_COLUMNS
 
 # Raises `UnknownName`, which lists the choices, unless the word is among them.
 from .choices import check_choice as check_choice
+
+# The comma-separated numbers of a flag's text; raises `InvalidInput` if it has others.
+from .choices import numbers_in as numbers_in
 
 # A run folder or file that cannot be read.
 from .errors import BadRun as BadRun

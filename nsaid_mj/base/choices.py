@@ -1,14 +1,14 @@
 """The words from which an argument is chosen, apart from the code that they stand for.
 
-A command refuses any other word before that code is imported.
+A command refuses any other word before that code is imported; and numbers that are none.
 """
 
 from collections.abc import Collection
 
-from .errors import UnknownName
+from .errors import InvalidInput, UnknownName
 
 LAWS = ("paper", "cone", "memory", "efficient")
-"""The laws of `laws.NullspaceAID`."""
+"""The laws of `core.NullspaceAID`."""
 
 IDENTIFICATION_LAWS = ("batch", "efficient", "memory", "cone", "paper")
 """The laws of `identify`: the fit to all rows at once, and those that also follow a log."""
@@ -24,7 +24,7 @@ JOINT_COLUMNS = (
     "spring",
     "offset",
 )
-"""Columns of a joint on a log; see `calibration.choose.columns.COLUMNS`."""
+"""Columns of a joint on a log; see `clinic.identify.choose.columns.COLUMNS`."""
 
 VEHICLE_COLUMNS = ("damping", "offset")
 """Columns of a vehicle on a log, beyond those of its sheet."""
@@ -58,3 +58,11 @@ def check_choice(kind: str, word: str, choices: Collection[str]) -> None:
     """Raises `UnknownName`, which lists the choices, unless the word is among them."""
     if word not in choices:
         raise UnknownName(kind, word, choices)
+
+
+def numbers_in(flag: str, text: str, remedy: str) -> tuple[float, ...]:
+    """The comma-separated numbers of a flag's text; raises `InvalidInput` if it has others."""
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError as error:
+        raise InvalidInput(flag, "comma-separated numbers", text, remedy) from error

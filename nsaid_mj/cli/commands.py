@@ -15,9 +15,8 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from .. import __version__
 from ..base import (
@@ -33,8 +32,9 @@ from ..base import (
     require,
 )
 from ..lab import load
+from ..report import INTERRUPTED, UNUSABLE, code_of
 from ..robots import MORE_ROBOTS, has_example_robots, known_robots, scenarios
-from .process import INTERRUPTED, UNUSABLE, code_of, ending_like_ctrl_c, open_streams, silence
+from .process import ending_like_ctrl_c, open_streams, silence
 
 if TYPE_CHECKING:
     from ..lab import Run, RunResult, Scenario, Verification
@@ -42,14 +42,8 @@ if TYPE_CHECKING:
 
 
 _STUDIES = ("compare", "sweep", "montecarlo", "track")
-_HOMES = {
-    "identify": ("identify", "identify_log"),
-    "live": ("live", "follow_robot"),
-    "excite": ("excite", "excite"),
-    "inspect": ("identify", "inspect_log"),
-    "report": ("studies", "report"),
-}
-"""Module and function of commands that need no scenario's name; imported on use."""
+_LISTED = {"compare": ("--seed", "--duration"), "track": ("--seed",)}
+"""Flags of a single run that a study replaces by lists, such as --seed by --seeds."""
 
 
 def main(scenario: Scenario, arguments: Sequence[str] | None = None) -> NoReturn:
@@ -123,15 +117,13 @@ def _command(arguments: Sequence[str]) -> int:
         carry_out = _run if word == "run" else _verify
         return carry_out(Path(name).stem, load(name), arguments[2:])
     if word in _STUDIES and name and not name.startswith("-"):
-        from . import studies
-
-        return getattr(studies, word)(name, arguments[2:])
-    if word == "compare" and {"--log", "--models"} & {a.partition("=")[0] for a in arguments}:
-        from .studies import compare_on_logs
-
-        return compare_on_logs(arguments[1:])
+        return _study(word, name, arguments[2:])
     from . import grammar
 
+    if word == "compare" and {"--log", "--models"} & {a.partition("=")[0] for a in arguments}:
+        from ..clinic import compare_on_logs
+
+        return compare_on_logs(grammar.parse_comparison(arguments[1:]))
     chosen = grammar.parse(["--want" if a == "--for" else a for a in arguments])
     if isinstance(chosen, grammar.Verify):
         record_file(chosen.run)
@@ -142,11 +134,47 @@ def _command(arguments: Sequence[str]) -> int:
         return _view(chosen.run, chosen.web, chosen.rebuild)
     if isinstance(chosen, grammar.List):
         return _list()
-    if found := _HOMES.get(word):
-        module, function = found
-        return getattr(import_module(f".{module}", __package__), function)(chosen)
+    if word in ("identify", "inspect", "live"):
+        from ..clinic import follow_robot, identify_log, inspect_log
+
+        of_robots = {"identify": identify_log, "inspect": inspect_log, "live": follow_robot}
+        return of_robots[word](chosen)
+    if word == "excite":
+        from ..plans import design_experiment
+
+        return design_experiment(chosen)
+    if word == "report":
+        from ..plans import draw_sweep
+
+        return draw_sweep(chosen.sweep)
     remedy = "Put the name before all flags, as in `nsaid run ur5 --duration 20`."
     raise InvalidInput(word, "the scenario's name first", " ".join(arguments[1:]), remedy)
+
+
+def _study(word: str, script: str, arguments: Sequence[str]) -> int:
+    """Executes a command that runs a scenario many times and returns the exit code."""
+    for flag in _LISTED.get(word, ()):
+        if any(argument.partition("=")[0] == flag for argument in arguments):
+            raise InvalidInput(flag, f"{flag}s, with one or more values", flag, f"Give {flag}s.")
+    path = Path(script)
+    default = load(script)
+    from ..lab import parse_scenario, repeated_flags
+    from ..plans import compare_methods, compare_trackers, identify_often, sweep_scenario
+    from .grammar import COMMANDS
+
+    options: Any = COMMANDS[word]
+    scenario, chosen = parse_scenario(path.stem, default, arguments, word, options)
+    whole = str(path.resolve()) if path.suffix == ".py" else script
+    flags = repeated_flags(default, scenario)
+    given = {"script": whole, "scenario": scenario, "arguments": flags}
+    folder = chosen.out or Path("runs") / f"{path.stem}-{word}"
+    functions: dict[str, Callable[..., int]] = {
+        "compare": compare_methods,
+        "sweep": sweep_scenario,
+        "montecarlo": identify_often,
+        "track": compare_trackers,
+    }
+    return functions[word](given, chosen, folder)
 
 
 def _run(name: str, default: Scenario, arguments: Sequence[str]) -> int:
@@ -189,13 +217,12 @@ def _carry_out(
     name: str, default: Scenario, arguments: Sequence[str], asked: str
 ) -> tuple[str, Run, RunResult, grammar.RunOptions]:
     """Runs and post-processes a scenario; returns its title, run, result and output options."""
-    from .checks import check_excitation, check_plant, without_excitation
-    from .folders import folder_for, title_of
-    from .options import parse, repeated
+    from ..lab import folder_for, parse_scenario, repeated_flags, title_of
+    from .excitation import check_excitation, without_excitation
+    from .grammar import RunOptions
 
     given, arguments = without_excitation(arguments)
-    scenario, output = parse(name, default, arguments, asked)
-    check_plant(scenario.plant)
+    scenario, output = parse_scenario(name, default, arguments, asked, RunOptions)
     check_excitation(given)
     title = title_of(name, default, scenario)
     from ..lab import Observer, Progress, run
@@ -211,9 +238,9 @@ def _carry_out(
         folder_for(title, scenario, output.out, output.force) as folder,
         Progress(title, quiet=output.quiet or output.json) as progress,
     ):
-        command = shlex.join(["nsaid", "run", name, *repeated(default, scenario)])
+        command = shlex.join(["nsaid", "run", name, *repeated_flags(default, scenario)])
         if given:
-            from .excite import designed
+            from ..plans import designed
 
             command += f" --excitation {given}"
             scenario = replace(scenario, excitation=designed(scenario, given, progress))

@@ -1,4 +1,4 @@
-"""The commands of `nsaid` and their own options; `options` adds the fields of a scenario.
+"""The commands of `nsaid` and their own options; `lab.options` adds the fields of a scenario.
 
 Nothing heavy is imported here, so that `nsaid --help` is fast.
 """
@@ -11,7 +11,15 @@ from typing import Annotated, Any, Union
 import tyro
 from tyro.conf import Positional, UseAppendAction, arg, subcommand
 
-from .grammar_of_studies import Compare, MonteCarlo, Report, ScenarioName, Sweep, Track
+from .grammar_of_studies import (
+    Compare,
+    CompareModels,
+    MonteCarlo,
+    Report,
+    ScenarioName,
+    Sweep,
+    Track,
+)
 
 
 @dataclass(frozen=True)
@@ -299,3 +307,8 @@ def parse(arguments: Sequence[str]) -> Any:
         args=list(arguments),
         config=(tyro.conf.FlagCreatePairsOff,),
     )
+
+
+def parse_comparison(arguments: Sequence[str]) -> Any:
+    """Parses what follows `nsaid compare` where it begins with a flag: `CompareModels`."""
+    return tyro.cli(CompareModels, prog="nsaid compare", args=list(arguments))

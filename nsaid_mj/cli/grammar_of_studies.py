@@ -141,3 +141,28 @@ class Report:
     """
 
     sweep: Positional[Path]
+
+
+@dataclass(frozen=True)
+class CompareModels:
+    """Compare model files of an arm on its own logs.
+
+    Every model is simulated in open loop from the commands, which are targets of position servos,
+    or forces. Mean position errors over 0.2 s, 2 s and the whole log are compared with those of
+    simple predictions: the delayed target, or a constant velocity.
+
+    Attributes:
+        log: log files or folders of them.
+        models: files with the same joints; `identified` and `sysid` (MuJoCo's own toolbox, which
+            takes minutes and starts at the first file) are fitted to the logs, of which each half
+            is predicted from the other.
+        map: TOML file with the meaning of columns.
+        json: print only the scores of every joint, as JSON, to the standard output.
+        quiet: print only errors.
+    """
+
+    log: Annotated[tuple[Path, ...], arg(metavar="FILE…")] = ()
+    models: Annotated[tuple[str, ...], arg(metavar="FILE…")] = ()
+    map: Path | None = None
+    json: bool = False
+    quiet: bool = False

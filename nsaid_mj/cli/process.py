@@ -1,14 +1,4 @@
-"""The command's process: exit codes, signals that end it, and closed or full streams.
-
-A command's exit code follows from the verdict that it prints and puts on its page.
-
-| code | meaning |
-|---|---|
-| 0 | explained: the verdict is ✔ or ◐; or the command has no verdict, as `list` and `view` |
-| 1 | not explained: the verdict is ✘, a run of a study has no result, or a statement fails |
-| 2 | unusable input: a flag, a scenario, a model, a log or a folder |
-| 130 | interrupted by Ctrl-C, SIGTERM or SIGHUP |
-"""
+"""The command's process: signals that end it, and closed or full streams."""
 
 from __future__ import annotations
 
@@ -19,22 +9,6 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from ..report import Result
-
-
-EXPLAINED = 0
-NOT_EXPLAINED = 1
-UNUSABLE = 2
-INTERRUPTED = 130
-
-
-def code_of(result: Result) -> int:
-    """The exit code of a result; an incomplete study is not explained either."""
-    return NOT_EXPLAINED if result.explains == "no" or not result.complete else EXPLAINED
-
 
 _LIKE_CTRL_C = ("SIGTERM", "SIGHUP")
 

@@ -111,6 +111,18 @@ from .evaluation.verify import verify as verify
 # Checks the statements on a run's folder, from its record alone, and writes verify.json.
 from .evaluation.verify import verify_folder as verify_folder
 
+# Raises `BadRun` unless results can be written to a folder, before they are computed.
+from .folders import check_writable as check_writable
+
+# Context with the folder of a run, locked.
+from .folders import folder_for as folder_for
+
+# Context with the folder of results, locked: `out`, or runs/NAME, numbered as above.
+from .folders import folder_for_results as folder_for_results
+
+# The title of a run: the scenario's name, or that of the robot chosen for it.
+from .folders import title_of as title_of
+
 # Interval between two checks of the conserved quantity [s].
 from .following import CHECK as CHECK
 
@@ -159,6 +171,12 @@ from .observer import Observer as Observer
 # The structure, prior and meshes of a robot, without true values.
 from .observer import RobotDescription as RobotDescription
 
+# Parses the part of a command line that follows a scenario's name.
+from .options import parse_scenario as parse_scenario
+
+# The flags of `nsaid run` that turn the scenario of a script into a given one.
+from .options import repeated_flags as repeated_flags
+
 # A link's size [m]: its radius of gyration about the joint.
 from .plants.arm import extent as extent
 
@@ -185,12 +203,6 @@ from .plants.world.contacts import Contacts as Contacts
 
 # Maps position numbers and velocities to and from MuJoCo's qpos and qvel, by joint name.
 from .plants.world.coordinates import JointMap as JointMap
-
-# A fault, sudden and permanent unless its kind or `until` says otherwise.
-from .plants.world.faults.kinds import Fault as Fault
-
-# A fault as text, which `parse_fault` reads back; the class's name for other kinds.
-from .plants.world.faults.text import fault_text as fault_text
 
 # Noise levels of a position encoder and of a velocity sensor.
 from .plants.world.noise import SensorNoise as SensorNoise
@@ -234,20 +246,8 @@ from .record import Record as Record
 # Largest number of time steps of a run; a longer record would fill a disk.
 from .scenario import MOST_STEPS as MOST_STEPS
 
-# tyro's rules for a scenario's fields, beyond the types that it knows.
-from .scenario import REGISTRY as REGISTRY
-
 # A complete experiment. Equal scenarios give records that are identical to the bit.
 from .scenario import Scenario as Scenario
-
-# The value at a dotted path in nested dataclasses and mappings; "" is the whole.
-from .scenario import field_at as field_at
-
-# Dotted names of all leaf fields of nested dataclasses and mappings.
-from .scenario import field_paths as field_paths
-
-# The dotted names that end with a name.
-from .scenario import same_end as same_end
 
 # Parses varied fields and their values from `field=value,value`.
 from .scenario import varied as varied

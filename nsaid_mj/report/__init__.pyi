@@ -6,6 +6,18 @@ from .drawings import extremes as extremes
 # Panels as figures of a page; one alone, without any `others`, is twice as wide.
 from .drawings import figures_of as figures_of
 
+# The exit code of a command whose verdict explains, or that has none.
+from .exit_codes import EXPLAINED as EXPLAINED
+
+# The exit code of a command that was interrupted.
+from .exit_codes import INTERRUPTED as INTERRUPTED
+
+# The exit code of a command whose input cannot be used.
+from .exit_codes import UNUSABLE as UNUSABLE
+
+# The exit code of a result; an incomplete study is not explained either.
+from .exit_codes import code_of as code_of
+
 # Names of the online excitation levels.
 from .labels import EXCITATION_LEVELS as EXCITATION_LEVELS
 

@@ -15,14 +15,15 @@ import pytest
 
 import nsaid_mj
 from nsaid_mj import ArmPlant, NullspaceAID, Scenario
-from nsaid_mj.cli import grammar, process
-from nsaid_mj.cli import identify as identifying
-from nsaid_mj.cli.folders import folder_for, title_of
+from nsaid_mj.cli import grammar
 from nsaid_mj.cli.grammar import RunOptions
-from nsaid_mj.cli.options import MAIN, parse, repeated
+from nsaid_mj.clinic.commands import identify as identifying
 from nsaid_mj.lab.evaluation.summary import result_from
+from nsaid_mj.lab.folders import folder_for, title_of
 from nsaid_mj.lab.library import load
+from nsaid_mj.lab.options import MAIN, parse_scenario, repeated_flags
 from nsaid_mj.lab.scenario import field_paths
+from nsaid_mj.report.exit_codes import code_of as verdict_code
 from nsaid_mj.robots.assets import known_robots, scenarios
 from tests.support.faulty import FILES, code_of, flat, shell, strict
 
@@ -220,7 +221,7 @@ def test_a_file_beside_a_known_name_is_asked_for_by_its_path(
 
 
 def options(name: str, *arguments: str) -> tuple[Scenario, RunOptions]:
-    return parse(name, load(name), arguments)
+    return parse_scenario(name, load(name), arguments, "run", RunOptions)
 
 
 @pytest.mark.parametrize(
@@ -289,9 +290,9 @@ def test_a_rivals_fields_are_flags() -> None:
 def test_the_reported_flags_reproduce_the_scenario(words: str) -> None:
     name, *flags = words.split()
     scenario, _ = options(name, *flags)
-    again = repeated(load(name), scenario)
+    again = repeated_flags(load(name), scenario)
     assert options(name, *again)[0] == scenario != load(name)
-    assert repeated(load(name), load(name)) == ()
+    assert repeated_flags(load(name), load(name)) == ()
 
 
 @pytest.mark.parametrize("flag", ["--plant.mismatch.lag", "--mismatch.lag", "--lag"])
@@ -301,7 +302,7 @@ def test_a_flag_may_be_any_unique_end_of_a_fields_name(flag: str) -> None:
 
 def test_law_sets_the_identifiers_law_and_not_a_rivals() -> None:
     scenario = Scenario(rivals={"other": NullspaceAID(law="cone")})
-    found, _ = parse("x", scenario, ["--law", "memory"])
+    found, _ = parse_scenario("x", scenario, ["--law", "memory"], "run", RunOptions)
     assert found.identifier == NullspaceAID(law="memory") and found.rivals == scenario.rivals
 
 
@@ -454,7 +455,7 @@ ALONE = ("--duration", "0.2", "--held-out", "0.5", "--out", "out", "--pe-window"
 def check_alone(folder: Path, code: int, out: str, err: str) -> None:
     """What a script with the flags above says and leaves in an empty folder."""
     summary = strict(out)
-    assert (code, err) == (process.code_of(result_from(summary)), "")
+    assert (code, err) == (verdict_code(result_from(summary)), "")
     assert summary["status"] == "completed" and summary["sim_s"] == pytest.approx(0.2, abs=0.01)
     assert sorted(file.name for file in (folder / "out").iterdir()) == sorted(FILES)
     assert [file.name for file in folder.iterdir()] == ["out"]

@@ -5,8 +5,8 @@ import json
 import pytest
 
 from nsaid_mj.base.errors import BadRun, InvalidInput
-from nsaid_mj.cli.checks import without_excitation
 from nsaid_mj.cli.commands import command
+from nsaid_mj.cli.excitation import without_excitation
 from nsaid_mj.lab.library import load
 
 XML = """

@@ -12,7 +12,6 @@ import nsaid_mj.cli
 from nsaid_mj.base.errors import NsaidError
 from nsaid_mj.base.findings import Finding
 from nsaid_mj.cli import commands
-from nsaid_mj.cli.process import EXPLAINED, NOT_EXPLAINED, UNUSABLE, code_of
 from nsaid_mj.clinic.logs.unusable import UnusableLog
 from nsaid_mj.core.laws.base import Status
 from nsaid_mj.lab.evaluation.run_result import RunResult
@@ -20,6 +19,7 @@ from nsaid_mj.lab.evaluation.statistics import Accuracy, RunEnding
 from nsaid_mj.lab.evaluation.verify import StatementVerdict, verification_of
 from nsaid_mj.plans.studies.compare_report import PRIOR, result_of, row_of, runs_of
 from nsaid_mj.plans.studies.runs import Runs
+from nsaid_mj.report.exit_codes import EXPLAINED, NOT_EXPLAINED, UNUSABLE, code_of
 from nsaid_mj.report.page import Page
 from nsaid_mj.report.result import Result
 from nsaid_mj.watch import Misfit
@@ -103,7 +103,7 @@ def test_verify(words: tuple[Any, ...], code: int, monkeypatch: Patch) -> None:
         folder=Path("out"),
     )
     put(monkeypatch, "cli.commands.record_file", None)
-    put(monkeypatch, "evaluation.verify.verify_folder", verification_of(run, verdicts))  # pyright: ignore[reportArgumentType]
+    put(monkeypatch, "lab.verify_folder", verification_of(run, verdicts))  # pyright: ignore[reportArgumentType]
     assert shell("verify", "--run", "out", "--quiet")[0] == code
 
 
@@ -118,7 +118,11 @@ def test_compare(failures: tuple[str, str], code: int, monkeypatch: Patch) -> No
         else row_of(name, 0, 0.0, 1.0, 0.1, 0.1, 0.1, 1.0)
         for name, why in zip(("ols", "tls"), failures, strict=True)
     ]
-    put(monkeypatch, "studies.compare.run", (result_of(runs_of(Path("out"), {}, cells)), cells))
+    put(
+        monkeypatch,
+        "plans.studies.compare.run_comparison",
+        (result_of(runs_of(Path("out"), {}, cells)), cells),
+    )
     assert shell("compare", "scalar_rov", "--quiet")[0] == code
 
 
@@ -150,16 +154,18 @@ def rows(*converged: float | None, failure: str | None = None) -> list[dict[str,
 )
 def test_sweep(found: list[dict[str, Any]], code: int, monkeypatch: Patch) -> None:
     manifest = {"vary": {}, "runs": len(found), "script": "scalar_rov", "arguments": []}
-    put(monkeypatch, "studies.sweep.run", Runs(Path("out"), manifest, found))
-    put(monkeypatch, "experiment.scenario.varied", {})
+    put(monkeypatch, "plans.studies.sweep.run_sweep", Runs(Path("out"), manifest, found))
+    put(monkeypatch, "lab.varied", {})
     code_, said = shell("sweep", "scalar_rov", "--vary", "law=paper", "--quiet")
     assert (code_, said.err) == (code, "")
 
 
 @pytest.mark.parametrize(("gone", "code"), [([], EXPLAINED), ([{"run": 1}], NOT_EXPLAINED)])
 def test_montecarlo(gone: list[Any], code: int, monkeypatch: Patch) -> None:
-    put(monkeypatch, "studies.montecarlo_results.run", None)
-    put(monkeypatch, "studies.montecarlo_results.result_of", Result(complete=not gone))
+    put(monkeypatch, "plans.studies.montecarlo_results.run_montecarlo", None)
+    put(
+        monkeypatch, "plans.studies.montecarlo_results.montecarlo_result", Result(complete=not gone)
+    )
     assert shell("montecarlo", "scalar_rov", "--quiet")[0] == code
 
 
@@ -168,39 +174,39 @@ def test_montecarlo(gone: list[Any], code: int, monkeypatch: Patch) -> None:
 )
 def test_track(status: str, code: int, monkeypatch: Patch) -> None:
     result = Result(explains="partly", complete=status == "completed")
-    put(monkeypatch, "studies.tracking_run.run", (result, []))
+    put(monkeypatch, "plans.track.run.run_tracking", (result, []))
     assert shell("track", "track_ur5", "--quiet")[0] == code
 
 
 @pytest.mark.parametrize(("explains", "code"), [("yes", 0), ("partly", 0), ("no", 1)])
 def test_excite(explains: Any, code: int, monkeypatch: Patch) -> None:
     for name in (
-        "design.design",
-        "design.prediction.predict",
-        "design.information.ranks",
-        "design.files.scenario_of",
-        "design.files.document",
-        "design.prediction.tried",
-        "recording.design.record",
-        "pages.page.write_html",
+        "plans.excite.designing.design",
+        "plans.excite.prediction.predict",
+        "plans.excite.information.ranks",
+        "plans.excite.files.scenario_of",
+        "plans.excite.files.design_document",
+        "plans.excite.prediction.tried",
+        "plans.excite.recording.record_design",
+        "report.write_html",
     ):
         put(monkeypatch, name, SimpleNamespace(limits=None))
-    put(monkeypatch, "design.files.write", [])
-    put(monkeypatch, "design.Experiment.of", None)
-    put(monkeypatch, "pages.design.page", Page("", Result(explains=explains)))
+    put(monkeypatch, "plans.excite.files.write_design", [])
+    put(monkeypatch, "plans.excite.experiment.Experiment.of", None)
+    put(monkeypatch, "plans.excite.page.design_page", Page("", Result(explains=explains)))
     assert shell("excite", "scalar_rov", "--quiet", "--out", "out")[0] == code
 
 
 @pytest.mark.parametrize(("explains", "code"), [("yes", 0), ("partly", 0), ("no", 1)])
 def test_identify(explains: str, code: int, monkeypatch: Patch) -> None:
     result = identification(("one",), explains=explains)
-    put(monkeypatch, "cli.identifying.check_identify", None)
-    put(monkeypatch, "cli.identifying.servos_of", None)
-    put(monkeypatch, "calibration.identify.identify_forces", result)
-    put(monkeypatch, "cli.identifying.write", (Page("", result), []))
+    put(monkeypatch, "clinic.commands.identify.check_identify", None)
+    put(monkeypatch, "clinic.commands.identify.servos_of", None)
+    put(monkeypatch, "clinic.identify.identify.identify_forces", result)
+    put(monkeypatch, "clinic.commands.identify.write", (Page("", result), []))
     assert shell("identify", "--model", "arm.urdf", "--log", "a.csv", "--quiet")[0] == code
-    put(monkeypatch, "cli.identifying.servos_of", object())
-    put(monkeypatch, "cli.identifying.identify_given", (Page("", result), []))
+    put(monkeypatch, "clinic.commands.identify.servos_of", object())
+    put(monkeypatch, "clinic.commands.identify.identify_given", (Page("", result), []))
     assert shell("identify", "--model", "arm.urdf", "--log", "a.csv", "--quiet")[0] == code
 
 
@@ -221,18 +227,18 @@ def test_inspect_ends_as_identify_does(
     findings: tuple[Finding, ...], code: int, monkeypatch: Patch
 ) -> None:
     found = SimpleNamespace(findings=findings, channels=(), robot=None)
-    put(monkeypatch, "cli.identifying.check_inspect", None)
-    put(monkeypatch, "logs.read_tables", ())
-    put(monkeypatch, "calibration.inspection.inspect", found)
-    put(monkeypatch, "pages.inspection.draw", Path("inspection.png"))
+    put(monkeypatch, "clinic.commands.identify.check_inspect", None)
+    put(monkeypatch, "clinic.logs.tables.read_tables", ())
+    put(monkeypatch, "clinic.identify.inspection.inspect", found)
+    put(monkeypatch, "clinic.identify.inspection_page.draw_inspection", Path("inspection.png"))
     assert shell("inspect", "a.csv", "--out", "out")[0] == code
 
     def refuse(*_: Any, **__: Any) -> None:
         raise UnusableLog(findings)
 
     if findings[0].level == "refusal":
-        put(monkeypatch, "cli.identifying.check_identify", None)
-        put(monkeypatch, "cli.identifying.servos_of", None)
+        put(monkeypatch, "clinic.commands.identify.check_identify", None)
+        put(monkeypatch, "clinic.commands.identify.servos_of", None)
         monkeypatch.setattr("nsaid_mj.clinic.identify.identify.identify_forces", refuse)
         said = shell("identify", "--model", "arm.urdf", "--log", "a.csv", "--quiet")
         assert said[0] == code and "something is wrong" in said[1].err
@@ -253,9 +259,9 @@ def test_an_error_of_ours_is_unusable_input(monkeypatch: Patch) -> None:
 
 def test_the_documentation_has_the_table() -> None:
     text = (ROOT / "docs/usage.md").read_text(encoding="utf-8")
-    from nsaid_mj.cli import process
+    from nsaid_mj.report import exit_codes
 
-    table = [line for line in (process.__doc__ or "").splitlines() if line.startswith("|")]
+    table = [line for line in (exit_codes.__doc__ or "").splitlines() if line.startswith("|")]
     assert all(line in text for line in table)
 
 

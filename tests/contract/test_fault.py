@@ -12,8 +12,7 @@ import pytest
 
 from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.cli.commands import command
-from nsaid_mj.cli.options import parse
-from nsaid_mj.cli.process import code_of
+from nsaid_mj.cli.grammar import RunOptions
 from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.evaluation.figures import held_out_rows, residual_ratio
@@ -22,6 +21,7 @@ from nsaid_mj.lab.evaluation.summary import result_from, summary_of
 from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import SimulatedRun, run
+from nsaid_mj.lab.options import parse_scenario
 from nsaid_mj.lab.plants.jointed import ArmPlant, FloatingBasePlant
 from nsaid_mj.lab.plants.scalar_rov import ScalarRovPlant
 from nsaid_mj.lab.plants.vehicles import BlueROV2Plant, BMW320iPlant
@@ -30,6 +30,7 @@ from nsaid_mj.lab.plants.world.faults.kinds import Fault, Loss, gains_of
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.plants.world.plant import Plant
 from nsaid_mj.lab.scenario import Scenario
+from nsaid_mj.report.exit_codes import code_of
 from tests.support.plants import name_of, path, random_commands, start_of
 from tests.support.summaries import summarize
 from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
@@ -292,10 +293,11 @@ def test_a_fault_survives_json_and_changes_the_hash():
 
 @pytest.mark.parametrize("flag", ["--plant.faults", "--faults"])
 def test_faults_are_a_flag(flag):
-    scenario, _ = parse("bluerov2", load("bluerov2"), [flag, "loss 0.4 of 3 at 12 s"])
+    words = [flag, "loss 0.4 of 3 at 12 s"]
+    scenario, _ = parse_scenario("bluerov2", load("bluerov2"), words, "run", RunOptions)
     assert scenario.plant.faults == (FAULT,)
     assert replace(scenario, plant=BlueROV2Plant()) == load("bluerov2")
-    assert parse("bluerov2", scenario, [])[0] == scenario
+    assert parse_scenario("bluerov2", scenario, [], "run", RunOptions)[0] == scenario
 
 
 def test_a_fault_from_the_command_line(tmp_path: Path, capsys):

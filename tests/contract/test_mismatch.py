@@ -12,13 +12,13 @@ import pytest
 
 from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.cli.commands import command
-from nsaid_mj.cli.options import parse
-from nsaid_mj.cli.process import code_of
+from nsaid_mj.cli.grammar import RunOptions
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.lab.evaluation.summary import result_from
 from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
+from nsaid_mj.lab.options import parse_scenario
 from nsaid_mj.lab.plants.jointed import ArmPlant, FloatingBasePlant, FlyingArmPlant, UvmsPlant
 from nsaid_mj.lab.plants.scalar_rov import ScalarRovPlant
 from nsaid_mj.lab.plants.vehicles import (
@@ -32,6 +32,7 @@ from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.plants.world.noise import SensorNoise
 from nsaid_mj.lab.plants.world.plant import Plant
 from nsaid_mj.lab.scenario import Scenario
+from nsaid_mj.report.exit_codes import code_of
 from tests.support.fossen import apart, commands, ends, flown, true_numbers, vehicle
 from tests.support.plants import name_of, path, random_commands, start_of
 from tests.support.summaries import summarize
@@ -383,7 +384,7 @@ def test_a_mismatch_survives_json_and_changes_the_hash():
     ],
 )
 def test_a_mismatch_is_a_flag(words, expected):
-    scenario, _ = parse("bluerov2", load("bluerov2"), words.split())
+    scenario, _ = parse_scenario("bluerov2", load("bluerov2"), words.split(), "run", RunOptions)
     assert scenario.plant.mismatch == Mismatch(**expected)
     assert replace(scenario, plant=BlueROV2Plant()) == load("bluerov2")
 

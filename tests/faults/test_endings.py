@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from nsaid_mj import ConventionalAID, NullspaceAID, Scenario
-from nsaid_mj.cli.process import code_of
 from nsaid_mj.core.laws.base import Status
 from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.control import multisine, series
@@ -23,6 +22,7 @@ from nsaid_mj.lab.evaluation.summary import result_from, summary_of
 from nsaid_mj.lab.loop import Observer, run
 from nsaid_mj.lab.plants.world.noise import SensorNoise
 from nsaid_mj.lab.record import BATCH_SECONDS, Record
+from nsaid_mj.report.exit_codes import code_of
 from tests.support.faulty import FILES, PENDULUM, ROV, Heard, heard, script, strict
 from tests.support.recordings import entities_of
 

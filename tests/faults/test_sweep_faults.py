@@ -16,13 +16,13 @@ import pebble.pool.process
 import pytest
 
 from nsaid_mj.base.errors import BadRun, InvalidInput
-from nsaid_mj.cli.process import NOT_EXPLAINED
 from nsaid_mj.plans.studies import engine, sweep_report
 from nsaid_mj.plans.studies.engine import Engine
 from nsaid_mj.plans.studies.folder import MANIFEST, ROWS, TABLE, read
 from nsaid_mj.plans.studies.runs import Runs
 from nsaid_mj.plans.studies.study import Row
 from nsaid_mj.plans.studies.sweep import run_sweep, sweep_plan
+from nsaid_mj.report.exit_codes import NOT_EXPLAINED
 from tests.support.faulty import ROV, shell
 
 PLAN = sweep_plan("scalar_rov", ROV, {"identifier.gain": (0.1, 1.0)}, seeds=2)

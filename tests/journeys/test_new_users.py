@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from nsaid_mj.cli.process import EXPLAINED, NOT_EXPLAINED
+from nsaid_mj.report.exit_codes import EXPLAINED, NOT_EXPLAINED
 from tests.support.faulty import CHECKOUT, Heard, shell, strict
 
 

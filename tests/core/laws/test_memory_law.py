@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.base.errors import InvalidInput
-from nsaid_mj.cli.options import parse
+from nsaid_mj.cli.grammar import RunOptions
 from nsaid_mj.core.laws.base import State, Status
 from nsaid_mj.core.laws.cone.prior import drawn_inside
 from nsaid_mj.core.laws.config import NullspaceAID
@@ -33,6 +33,7 @@ from nsaid_mj.lab.evaluation.summary import summary_of
 from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
+from nsaid_mj.lab.options import parse_scenario
 from nsaid_mj.lab.plants.world.noise import SensorNoise
 from nsaid_mj.lab.postprocessing import rebuild
 from nsaid_mj.lab.record import RECORD_FILE
@@ -530,7 +531,8 @@ def test_a_killed_run_is_rebuilt_from_its_record(finished, tmp_path):
 
 @pytest.mark.parametrize("law", ["paper", "cone", "memory"])
 def test_a_law_is_a_flag_and_survives_json(law):
-    chosen, _ = parse("bluerov2", load("bluerov2"), ["--law", law, "--horizon", "30"])
+    words = ["--law", law, "--horizon", "30"]
+    chosen, _ = parse_scenario("bluerov2", load("bluerov2"), words, "run", RunOptions)
     assert isinstance(chosen.identifier, NullspaceAID)
     assert chosen.identifier.law == law == chosen.identifier.name
     assert chosen.identifier.memory == MemoryConfig(horizon=30.0)
@@ -553,7 +555,7 @@ def test_every_number_of_the_memory_is_a_flag():
         "--horizon",
         "20",
     ]
-    chosen, _ = parse("bluerov2", load("bluerov2"), words)
+    chosen, _ = parse_scenario("bluerov2", load("bluerov2"), words, "run", RunOptions)
     assert isinstance(chosen.identifier, NullspaceAID)
     memory = MemoryConfig(window=0.2, block=0.05, interval=1.0, pace=3.0, anchor=0.5, horizon=20.0)
     assert chosen.identifier.memory == memory

@@ -17,7 +17,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from nsaid_mj.base.errors import BadRun, InvalidInput, UnknownName
-from nsaid_mj.cli.process import NOT_EXPLAINED, UNUSABLE
 from nsaid_mj.core.laws.base import Status
 from nsaid_mj.lab import evaluation as metrics
 from nsaid_mj.lab.evaluation.truth import truth_of
@@ -32,6 +31,7 @@ from nsaid_mj.plans.studies.study import seed_of
 from nsaid_mj.plans.studies.sweep import run_sweep, scenario_of
 from nsaid_mj.plans.studies.sweep import sweep_plan as plan_of
 from nsaid_mj.plans.studies.sweep_report import write_sweep_page
+from nsaid_mj.report.exit_codes import NOT_EXPLAINED, UNUSABLE
 from tests.report.pages.markup import Page, unscripted
 from tests.support.faulty import ROV, shell, start, strict
 from tests.support.studies import COSTS

@@ -1,4 +1,4 @@
-"""`nsaid identify` and `nsaid inspect`: files in and out; the work is in `calibration`."""
+"""`nsaid identify` and `nsaid inspect`: files in and out; the work is in `clinic.identify`."""
 
 from __future__ import annotations
 
@@ -9,28 +9,30 @@ from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..base import InvalidInput, print_json, printable, reading, write_json
-from ..robots import asset
-from .checks import check_identify, check_inspect, known_number, names_in, numbers_in
-from .folders import check_writable, folder_for_results
-from .grammar import Identify, Inspect
-from .process import EXPLAINED, UNUSABLE, code_of
+from ...base import InvalidInput, numbers_in, print_json, printable, reading, write_json
+from ...lab import check_writable, folder_for_results
+from ...report import EXPLAINED, UNUSABLE, code_of
+from ...robots import asset
+from .checks import check_identify, check_inspect, known_number, names_in
 
 if TYPE_CHECKING:
-    from ..clinic import Identification, Inspection, ServoLogs
-    from ..lab import Progress
-    from ..report import Page
+    from ...lab import Progress
+    from ...report import Page
+    from ..identify.inspection import Inspection
+    from ..identify.result import Identification
+    from ..servos.logs import ServoLogs
+    from .given import ToIdentify, ToInspect
 
 RESULT = "identification.json"
 
 
-def identify_log(chosen: Identify) -> int:
-    """Executes the command and returns the exit code."""
+def identify_log(chosen: ToIdentify) -> int:
+    """Executes `nsaid identify` and returns the exit code."""
     model = chosen.model or chosen.packed
     if model is None:
         raise InvalidInput("--model", "a model file or name", "none", "Such as --model arm.urdf.")
     check_identify(chosen, model)
-    from ..clinic import limited_to
+    from ..logs.formats import limited_to
 
     with (
         reading(model, *chosen.log, *chosen.validate, chosen.map, chosen.validate_map),
@@ -42,19 +44,19 @@ def identify_log(chosen: Identify) -> int:
         return _identify(model, chosen, folder)
 
 
-def _identify(model: str, chosen: Identify, folder: Path) -> int:
+def _identify(model: str, chosen: ToIdentify, folder: Path) -> int:
     from rich.console import Console
 
-    from ..clinic import UnusableLog
-    from ..lab import Progress
-    from ..report import print_findings, print_page
+    from ...lab import Progress
+    from ...report import print_findings, print_page
+    from ..logs.unusable import UnusableLog
 
     quiet = chosen.quiet or chosen.json
     ended = False
     with Progress(Path(model).stem, quiet=quiet) as progress:
         progress.say("reading the model and the log")
         try:
-            given = servos_of(model, chosen.log, chosen)
+            given = servos_of(model, chosen.log, chosen, chosen.map)
             if given is not None:
                 page, files = identify_given(model, given, chosen, folder / RESULT, progress)
             else:
@@ -73,9 +75,9 @@ def _identify(model: str, chosen: Identify, folder: Path) -> int:
     return max(code_of(page.result), int(ended))
 
 
-def _identified(model: str, chosen: Identify, folder: Path, progress: Progress) -> Identification:
+def _identified(model: str, chosen: ToIdentify, folder: Path, progress: Progress) -> Identification:
     """The result of logs with commands that are forces."""
-    from ..clinic import identify_forces
+    from ..identify.identify import identify_forces
 
     return identify_forces(
         model,
@@ -93,10 +95,10 @@ def _identified(model: str, chosen: Identify, folder: Path, progress: Progress) 
     )
 
 
-def repeated(chosen: Identify) -> str:
+def repeated(chosen: ToIdentify) -> str:
     """The command line of an identification, without the options that affect only its output."""
     words = ["nsaid", "identify", *([chosen.packed] if chosen.packed else [])]
-    for field in fields(Identify):
+    for field in fields(chosen):
         value = getattr(chosen, field.name)
         if value == field.default or field.name in {"packed", "out", "force", "json", "quiet"}:
             continue
@@ -119,8 +121,8 @@ def write(
     Returns:
         The page, whose result has findings about the exported model, too, and the files.
     """
-    from ..base import without_nonfinite
-    from ..clinic import write_models
+    from ...base import without_nonfinite
+    from ..identify.export import write_models
 
     folder.mkdir(parents=True, exist_ok=True)
     report("writing and trying the calibrated models")
@@ -128,26 +130,26 @@ def write(
     result = replace(result, findings=(*result.findings, *followed))
     write_json(folder / RESULT, without_nonfinite(result.summary()))
     report("writing the report")
-    from ..clinic import identification_page as pages_page
-    from ..report import write_html
+    from ...report import write_html
+    from ..identify.page import identification_page as pages_page
 
     page = pages_page(result, command)
     files.append(write_html(page, folder))
-    from ..base import RECORDING, installed
-    from ..clinic import record
+    from ...base import RECORDING, installed
+    from ..identify.recording import record
 
     if installed("rerun"):
         report("writing the recording")
         files.append(record(page, folder / RECORDING))
     if result.law is not None:
-        from ..lab import finish
+        from ...lab import finish
 
         finish(result.law.run, report)
         files.append(result.law.run.folder / "report.html")
     return page, [folder / RESULT, *files]
 
 
-def _options(chosen: Identify) -> dict[str, Any]:
+def _options(chosen: ToIdentify) -> dict[str, Any]:
     """The options of a fit to forces that differ from their defaults."""
     delay = chosen.delay
     return {
@@ -158,12 +160,15 @@ def _options(chosen: Identify) -> dict[str, Any]:
     }
 
 
-def servos_of(model: str, logs: tuple[Path, ...], chosen: Identify) -> ServoLogs | None:
+def servos_of(
+    model: str, logs: tuple[Path, ...], chosen: ToIdentify, map_file: Path | None
+) -> ServoLogs | None:
     """The arm and its logs if they hold targets and positions, else None."""
-    from ..clinic import load_of, read_map
-    from ..clinic import servos_of as given
+    from ..identify.identify import servos_of as given
+    from ..identify.loads import load_of
+    from ..logs.mapping import read_map
 
-    mapping = None if chosen.map is None else read_map(chosen.map)
+    mapping = None if map_file is None else read_map(map_file)
     lock = names_in(chosen.lock)
     joints = names_in(chosen.joints) or None
     loads = [load_of(text) for text in chosen.load] if logs == chosen.log else []
@@ -171,19 +176,21 @@ def servos_of(model: str, logs: tuple[Path, ...], chosen: Identify) -> ServoLogs
 
 
 def identify_given(
-    model: str, given: ServoLogs, chosen: Identify, path: Path, progress: Progress
+    model: str, given: ServoLogs, chosen: ToIdentify, path: Path, progress: Progress
 ) -> tuple[Page, list[Path]]:
     """Identifies servos and writes the results: JSON into the path, and an MJCF beside it.
 
     Raises:
         InvalidInput: an option has no meaning for logs of targets.
     """
-    from ..base import without_nonfinite
-    from ..clinic import check_servo_options, identify_servos, replayed, write_servo_mjcf
+    from ...base import without_nonfinite
+    from ..servos.export import replayed, write_servo_mjcf
+    from ..servos.identify import check_servo_options, identify_servos
 
     check_servo_options(chosen.law, **_options(chosen))
-    own = replace(chosen, map=chosen.validate_map or chosen.map)
-    others = servos_of(model, chosen.validate, own) if chosen.validate else None
+    others = None
+    if chosen.validate:
+        others = servos_of(model, chosen.validate, chosen, chosen.validate_map or chosen.map)
     result = identify_servos(given, progress.say)
     progress.say("writing and trying the calibrated model")
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -192,10 +199,10 @@ def identify_given(
     followed, replay = replayed(result, model_file, given, others)
     result = replace(result, findings=(*result.findings, followed))
     write_json(path, without_nonfinite(result.summary()))
-    from ..base import RECORDING, installed
-    from ..clinic import record_servos
-    from ..clinic import servo_page as servos_page
-    from ..report import write_html
+    from ...base import RECORDING, installed
+    from ...report import write_html
+    from ..identify.recording import record_servos
+    from ..servos.page import servo_page as servos_page
 
     commands = [repeated(chosen)]
     folder = path.parent
@@ -213,8 +220,8 @@ MAP = "map.toml"
 PICTURE = "inspection.png"
 
 
-def inspect_log(chosen: Inspect) -> int:
-    """Executes the command and returns the exit code: unusable where `identify` would refuse.
+def inspect_log(chosen: ToInspect) -> int:
+    """Executes `nsaid inspect` and returns the exit code: unusable where `identify` would refuse.
 
     It writes the plot and, if a model but no map is given, a first map. An existing map may have
     been edited by hand and is kept: a new one that differs gets another name, and so does the
@@ -224,17 +231,15 @@ def inspect_log(chosen: Inspect) -> int:
         raise InvalidInput("logs", "one or more files", "none", "Such as `nsaid inspect log.csv`.")
     check_writable(chosen.out)
     check_inspect(chosen)
-    from ..base import write_text
-    from ..clinic import (
-        draw_inspection,
-        files_of,
-        first_map,
-        inspect,
-        limited_to,
-        read_map,
-        read_tables,
-    )
-    from ..report import is_own
+    from ...base import write_text
+    from ...report import is_own
+    from ..identify.identify import files_of
+    from ..identify.inspection import inspect
+    from ..identify.inspection_page import draw_inspection
+    from ..logs.first_map import first_map
+    from ..logs.formats import limited_to
+    from ..logs.mapping import read_map
+    from ..logs.tables import read_tables
 
     logs = list(chosen.logs)
     mapping = read_map(chosen.map) if chosen.map else None
@@ -245,7 +250,7 @@ def inspect_log(chosen: Inspect) -> int:
         logs, mapping = files_of(name, [], mapping)
     robot = None
     if model is not None:
-        from ..clinic import load_robot_model
+        from ..identify.models import load_robot_model
 
         robot = load_robot_model(model, names_in(chosen.lock), names_in(chosen.joints) or None)
     with limited_to(chosen.limit * 1e9):
@@ -268,7 +273,7 @@ def inspect_log(chosen: Inspect) -> int:
     else:
         from rich.console import Console
 
-        from ..clinic import print_inspection
+        from ..identify.inspection_page import print_inspection
 
         print_inspection(found, Console(highlight=False))
         for path in files:

@@ -1,25 +1,50 @@
-"""`nsaid excite`: designs a motion, writes and prints it; the work is in `design`."""
+"""`nsaid excite`: designs a motion, writes and prints it; the work is in `designing`."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
-from ..base import InvalidInput, print_json, reading
-from .checks import check_excite, two_noises
-from .folders import folder_for_results
-from .grammar import Excite
-from .process import code_of
+from ...base import (
+    CRITERIA,
+    LIMITS_FORM,
+    InvalidInput,
+    check_choice,
+    print_json,
+    reading,
+    toml_of,
+)
+from ...lab import folder_for_results
+from ...report import code_of
+from ...robots import check_model
 
 if TYPE_CHECKING:
-    from ..lab import DriverConfig, Progress, Scenario
+    from ...lab import DriverConfig, Progress, Scenario
 
 DESIGN = "design.json"
 
 
-def excite(chosen: Excite) -> int:
-    """Executes the command and returns the exit code."""
+class ToDesign(Protocol):
+    """What `nsaid excite` was given; `cli.grammar` declares the flags."""
+
+    scenario: str
+    model: str | None
+    duration: float
+    want: str
+    limits: Path | None
+    criterion: str
+    noise: str | None
+    seed: int
+    effort: float
+    out: Path | None
+    force: bool
+    json: bool
+    quiet: bool
+
+
+def design_experiment(chosen: ToDesign) -> int:
+    """Executes `nsaid excite` and returns the exit code."""
     if not chosen.scenario and chosen.model is None:
         remedy = "Such as `nsaid excite ur5` or `nsaid excite --model arm.urdf`."
         raise InvalidInput("excite", "a scenario or --model", "neither", remedy)
@@ -36,27 +61,20 @@ def excite(chosen: Excite) -> int:
         return _designed_in(folder, name, scenario, chosen)
 
 
-def _designed_in(folder: Path, name: str, scenario: Scenario, chosen: Excite) -> int:
+def _designed_in(folder: Path, name: str, scenario: Scenario, chosen: ToDesign) -> int:
     """Designs, and writes and prints the results."""
     from rich.console import Console
 
-    from ..base import installed
-    from ..lab import Progress
-    from ..plans import (
-        Experiment,
-        Limits,
-        own_limits,
-        predict,
-        read_limits,
-        scenario_of,
-        tried,
-        write_design,
-    )
-    from ..plans import design as design_design
-    from ..plans import design_document as files_document
-    from ..plans import design_page as pages_page
-    from ..plans import ranks as information_ranks
-    from ..report import print_page, write_html
+    from ...base import installed
+    from ...lab import Progress
+    from ...report import print_page, write_html
+    from .designing import design
+    from .experiment import Experiment, own_limits
+    from .files import design_document, scenario_of, write_design
+    from .information import ranks
+    from .limits import Limits, read_limits
+    from .page import design_page
+    from .prediction import predict, tried
 
     def limited(own: Limits) -> Limits:
         """The limits of model and file; a real robot must not touch itself or the ground either."""
@@ -67,7 +85,7 @@ def _designed_in(folder: Path, name: str, scenario: Scenario, chosen: Excite) ->
 
     with Progress(name, quiet=chosen.quiet or chosen.json) as progress:
         experiment = Experiment.of(scenario, chosen.seed)
-        found = design_design(
+        found = design(
             experiment,
             wanted=chosen.want,
             criterion=chosen.criterion,
@@ -78,15 +96,15 @@ def _designed_in(folder: Path, name: str, scenario: Scenario, chosen: Excite) ->
         )
         predicted = predict(found, progress.stage)
         progress.say("counting harmonics")
-        ranks = information_ranks(experiment, found.limits)
-        written = write_design(found, predicted, ranks, scenario_of(found, scenario), folder)
-        document = files_document(found, predicted, ranks, folder.name)
+        counted = ranks(experiment, found.limits)
+        written = write_design(found, predicted, counted, scenario_of(found, scenario), folder)
+        document = design_document(found, predicted, counted, folder.name)
         progress.say("trying the experiment on a draw of the prior")
         trial = tried(found)
-        page = pages_page(name, document, trial, found, folder)
+        page = design_page(name, document, trial, found, folder)
         written.append(write_html(page, folder))
         if installed("rerun"):
-            from ..plans import DESIGN_RECORDING, record_design
+            from .recording import DESIGN_RECORDING, record_design
 
             written.append(record_design(page, found, folder / DESIGN_RECORDING))
     if chosen.json:
@@ -96,12 +114,12 @@ def _designed_in(folder: Path, name: str, scenario: Scenario, chosen: Excite) ->
     return code_of(page.result)
 
 
-def _scenario(chosen: Excite) -> Scenario:
+def _scenario(chosen: ToDesign) -> Scenario:
     """The requested experiment, before it has a motion."""
-    from ..lab import load
+    from ...lab import load
 
     if chosen.model is not None:
-        from ..plans import scenario_of_model
+        from .experiment import scenario_of_model
 
         found = scenario_of_model(chosen.model)
     else:
@@ -119,14 +137,35 @@ def _scenario(chosen: Excite) -> Scenario:
 def designed(scenario: Scenario, given: str, progress: Progress) -> DriverConfig:
     """The excitation for `--excitation designed` or `--excitation designed:FOLDER`.
 
-    `checks.check_excitation` has accepted the value.
+    `nsaid run` has accepted the value.
     """
-    from ..lab import Scenario
+    from ...lab import Scenario
 
     _, colon, folder = given.partition(":")
     if colon:
         return Scenario.from_json((Path(folder) / "scenario.json").read_bytes()).excitation
-    from ..plans import Experiment
-    from ..plans import design as design_design
+    from .designing import design
+    from .experiment import Experiment
 
-    return design_design(Experiment.of(scenario), report=progress.stage).driver
+    return design(Experiment.of(scenario), report=progress.stage).driver
+
+
+def two_noises(text: str) -> tuple[float, float]:
+    """The standard deviations of `--noise`; raises `InvalidInput` unless they are two numbers."""
+    try:
+        position, velocity = (float(part) for part in text.split(","))
+    except ValueError as error:
+        expected = "two numbers, of position and velocity"
+        raise InvalidInput("--noise", expected, text, "Such as 1e-4,5e-3.") from error
+    return position, velocity
+
+
+def check_excite(chosen: ToDesign) -> None:
+    """Checks what `nsaid excite` was given, but the scenario's name."""
+    check_choice("criterion", chosen.criterion, CRITERIA)
+    if chosen.noise is not None:
+        two_noises(chosen.noise)
+    if chosen.limits is not None:
+        toml_of(chosen.limits, "--limits", LIMITS_FORM)
+    if chosen.model is not None:
+        check_model(chosen.model)

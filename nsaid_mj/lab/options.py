@@ -11,17 +11,11 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 
 import tyro
 
-from ..lab import (
-    REGISTRY,
-    Fault,
-    Scenario,
-    fault_text,
-    field_at,
-    field_paths,
-    same_end,
-    with_fields,
-)
-from .grammar import RunOptions
+from ..robots import robot_file, vehicle_files
+from .plants.world.config import PlantConfig
+from .plants.world.faults.kinds import Fault
+from .plants.world.faults.text import fault_text
+from .scenario import REGISTRY, Scenario, field_at, field_paths, same_end, with_fields
 
 MAIN = {
     "identifier.law": "law",
@@ -34,6 +28,9 @@ MAIN = {
 """Fields at the top of every command's help, and their flags."""
 _ORDER = ("law", "robot", "duration", "sensors", "seed", "out", "force", "backend")
 
+_RUNS = ("run", "verify")
+"""Commands that run a scenario once."""
+
 _EXCITATION = """
 --excitation designed designs the motion first, --excitation designed:FOLDER takes one that
 `nsaid excite` has designed."""
@@ -41,33 +38,34 @@ _EXCITATION = """
 _Options = TypeVar("_Options")
 
 
-def parse(
-    name: str,
-    default: Scenario,
-    arguments: Sequence[str],
-    command: str = "run",
-    options: type[_Options] = RunOptions,
+def parse_scenario(
+    name: str, default: Scenario, arguments: Sequence[str], command: str, options: type[_Options]
 ) -> tuple[Scenario, _Options]:
     """Parses the part of a command line that follows a scenario's name.
 
-    `default` is the scenario as its script defines it. The options of a command of `nsaid` take
-    precedence over fields of the scenario with the same name, which are then not available as
-    flags.
+    `default` is the scenario as its script defines it. The options of a command of `nsaid`, a
+    dataclass, take precedence over fields of the scenario with the same name, which are then not
+    available as flags.
 
     Returns:
         The scenario with the fields given as flags replaced, and the command's options.
+
+    Raises:
+        NsaidError: a flag or its value is wrong, or there is no such robot or vehicle.
     """
     own = {f.name for f in _fields(options)}
     paths = [path for path in field_paths(default) if path not in own]
     main = {path: flag for path, flag in MAIN.items() if path in paths}
     form = _form(
-        default, [path for path in paths if path not in main], _head(default, main, options)
+        default,
+        [path for path in paths if path not in main],
+        _head(default, main, options, command in _RUNS),
     )
     filled = tyro.cli(
         form,
         prog=f"nsaid {command} {name}",
         description=f"Flags of `nsaid {command} {name}`; the defaults are those of the scenario."
-        + (_EXCITATION if options is RunOptions else ""),
+        + (_EXCITATION if command in _RUNS else ""),
         args=[_spelled(argument, paths, main, own) for argument in arguments],
         config=(tyro.conf.AvoidSubcommands,),
         registry=REGISTRY,
@@ -76,10 +74,12 @@ def parse(
     given |= {path: field_at(filled, path) for path in paths if path not in main}
     changed = {path: new for path, new in given.items() if new != field_at(default, path)}
     chosen: dict[str, Any] = {"scenario": name} | {key: getattr(filled, key) for key in own}
-    return with_fields(default, changed), options(**chosen)
+    scenario = with_fields(default, changed)
+    _check_plant(scenario.plant)
+    return scenario, options(**chosen)
 
 
-def repeated(default: Scenario, scenario: Scenario) -> tuple[str, ...]:
+def repeated_flags(default: Scenario, scenario: Scenario) -> tuple[str, ...]:
     """The flags of `nsaid run` that turn the scenario of a script into a given one."""
     found = []
     for path in field_paths(default):
@@ -106,8 +106,11 @@ def _fields(options: Any) -> list[Field[Any]]:
 _Field = tuple[str, Any, Any]
 
 
-def _head(default: Scenario, main: Mapping[str, str], options: type) -> list[_Field]:
-    """The fields at the top: a command's own options, and the main fields of the scenario."""
+def _head(default: Scenario, main: Mapping[str, str], options: type, mixed: bool) -> list[_Field]:
+    """The fields at the top: a command's own options, and the main fields of the scenario.
+
+    They are `mixed` in the order of `_ORDER`, or the options come first.
+    """
     helps = _helps(options)
     hints = get_type_hints(options, include_extras=True)
     own = [
@@ -121,7 +124,7 @@ def _head(default: Scenario, main: Mapping[str, str], options: type) -> list[_Fi
         for f in _fields(options)
     ]
     head = [_flag(default, path, flag) for path, flag in main.items()]
-    if options is not RunOptions:
+    if not mixed:
         return own + head
     place = {name: i for i, name in enumerate(_ORDER)}
     return sorted(own + head, key=lambda item: place.get(item[0], len(place)))
@@ -179,3 +182,16 @@ def _spelled(argument: str, paths: Sequence[str], main: Mapping[str, str], own: 
         parent, _, last = refused[0].rpartition(".")
         flag = f"{parent}.no-{last}"
     return f"--{flag}{equals}{value}"
+
+
+def _check_plant(plant: PlantConfig) -> None:
+    """Raises an error if there is no such robot or vehicle as a plant of this package names."""
+    from .plants.jointed import ArmPlant
+
+    if isinstance(plant, ArmPlant):
+        robot_file(plant.robot)
+        return
+    from .plants.world.blueprint import VehiclePlant
+
+    if isinstance(plant, VehiclePlant):
+        vehicle_files(plant.vehicle)

@@ -8,24 +8,26 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..base import require
+from ...base import require
+from ...lab import folder_for
+from ...report import code_of
 from .checks import check_live, names_in
-from .folders import folder_for
-from .grammar import Live
-from .process import code_of
 
 if TYPE_CHECKING:
-    from ..clinic import LiveEstimate
-    from ..lab import Observer
+    from ...lab import Observer
+    from ..session import LiveEstimate
+    from .given import ToFollow
 
 _SHOWN = 1.0  # time between two printed estimates [s]
 
 
-def follow_robot(chosen: Live) -> int:
-    """Executes the command and returns the exit code."""
+def follow_robot(chosen: ToFollow) -> int:
+    """Executes `nsaid live` and returns the exit code."""
     check_live(chosen)
-    from ..clinic import LiveRobot, Session, bound, measured_scenario
-    from ..lab import Progress, finish, print_result, summary_of
+    from ...lab import Progress, finish, print_result, summary_of
+    from ..identify.measured import LiveRobot, measured_scenario
+    from ..logs.stream import bound
+    from ..session import Session
 
     name = Path(chosen.model).stem
     lock = names_in(chosen.lock)
@@ -53,7 +55,7 @@ def follow_robot(chosen: Live) -> int:
         observers: list[Observer] = []
         if chosen.view:
             require("rerun", "view", "A recording")
-            from ..lab import LiveRecording
+            from ...lab import LiveRecording
 
             observers.append(LiveRecording(name, 0))
         every = chosen.every if chosen.every is not None else _SHOWN
@@ -76,8 +78,8 @@ def _send(estimate: LiveEstimate) -> None:
 
 
 def _print(estimate: LiveEstimate) -> None:
-    from ..core import number
-    from ..report import estimate as written
+    from ...core import number
+    from ...report import estimate as written
 
     gains = "  ".join(
         f"{gain.name} {written(gain.value, gain.low, gain.high)[0]} ± "

@@ -13,7 +13,7 @@ from ..base import RECORD, BadRun, FolderInUse, check_own, json_of, locked
 
 if TYPE_CHECKING:
     from ..core import IdentifierConfig
-    from ..lab import Scenario
+    from .scenario import Scenario
 
 RUNS = Path("runs")
 _FORCE = ", or --force to write among them"
