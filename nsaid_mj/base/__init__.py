@@ -1,18 +1,6 @@
 """What every house stands on: errors, findings, bounded fields of configurations, files, clocks.
 
 The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
 """
 
 import lazy_loader

@@ -5,25 +5,25 @@
 from .bounds import LARGEST as LARGEST
 from .bounds import Config as Config
 
-# TODO
+# A field that is true or false; numbers and words are refused.
 from .bounds import Flag as Flag
 
 # Text that can be written as UTF-8.
 from .bounds import Name as Name
 
-# TODO
+# A finite number ≥ 0.
 from .bounds import NonNegative as NonNegative
 
-# TODO
+# A finite number.
 from .bounds import Number as Number
 
-# TODO
+# A finite number > 0.
 from .bounds import Positive as Positive
 
-# TODO
+# A number > 0 and ≤ 1.
 from .bounds import PositiveShare as PositiveShare
 
-# TODO
+# A seed of random numbers: a whole number ≥ 0.
 from .bounds import Seed as Seed
 
 # A share in [0, 1), such as a relative spread.
@@ -186,13 +186,13 @@ from .findings import missing_files as missing_files
 # Whether one of the findings is a refusal.
 from .findings import refused as refused
 
-# TODO
+# The package coal, imported on first use; its absence is a `MissingPackage`.
 from .optional import coal as coal
 
 # Whether a package can be imported.
 from .optional import installed as installed
 
-# TODO
+# Pinocchio, imported on first use; its absence is a `MissingPackage`.
 from .optional import pin as pin
 
 # Imports a package that an extra installs; `purpose` says what needs it.

@@ -3,18 +3,6 @@
 No MuJoCo, no files.
 
 The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
 """
 
 import lazy_loader

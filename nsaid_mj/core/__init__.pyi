@@ -27,7 +27,7 @@ from .laws.cone.prior import drawn_covariance as drawn_covariance
 # (p,) random parameters that differ from θ by about ±error, inside the cone for any error.
 from .laws.cone.prior import drawn_inside as drawn_inside
 
-# TODO
+# A function that computes the expected Gramian (p, p) under the prior.
 from .laws.config import ExpectedGramian as ExpectedGramian
 
 # The configuration of an identifier; `build` makes the identifier.
@@ -81,7 +81,7 @@ from .laws.settings import EfficientConfig as EfficientConfig
 # Storage and use of past data by the law `memory`.
 from .laws.settings import MemoryConfig as MemoryConfig
 
-# TODO
+# The levels of sensors without noise.
 from .log import EXACT as EXACT
 
 # Measurements and commands of N samples, in order of time, checked when the log is made.
@@ -173,19 +173,19 @@ from .numerics.spatial import rotation_vector as rotation_vector
 # (3,) a vector in body axes, from its components in world axes (3,).
 from .numerics.spatial import unrotate as unrotate
 
-# TODO
+# What stands for a number that there is not.
 from .parameters import ABSENT as ABSENT
 
-# TODO
+# An array of float64; shapes and units are in the docstrings.
 from .parameters import Array as Array
 
 # Consecutive parameters of one kind.
 from .parameters import Block as Block
 
-# TODO
+# The set that a block of parameters lies in: free, positive, an inertia, a mass matrix.
 from .parameters import Geometry as Geometry
 
-# TODO
+# An array of whole numbers, as of indices.
 from .parameters import Indices as Indices
 
 # The space of θ (p,): blocks in order.
@@ -266,7 +266,7 @@ from .structure.arrays import Workspace as Workspace
 # Workspaces of a stage and for derivatives, for a structure with n velocities.
 from .structure.arrays import memory_of as memory_of
 
-# TODO
+# Names of the six axes of a body, as in names of parameters.
 from .structure.blocks import AXES as AXES
 
 # Acceleration of gravity [m/s²], known: weight is a column of the mass.
@@ -320,7 +320,7 @@ from .structure.columns.kind import Kind as Kind
 # The type of every robot.
 from .structure.compiled import STRUCTURE as STRUCTURE
 
-# TODO
+# The type of `Workspace` in signatures of compiled functions.
 from .structure.compiled import WORKSPACE as WORKSPACE
 
 # The numbers as kernels read them: float64, C-contiguous, writable; a copy only if needed.

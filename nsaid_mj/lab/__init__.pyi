@@ -99,7 +99,7 @@ from .evaluation.summary import summary_of as summary_of
 # The true parameters of a simulated plant, and the true set.
 from .evaluation.truth import Truth as Truth
 
-# TODO
+# The truth of a simulated run, for its evaluation.
 from .evaluation.truth import truth_of as truth_of
 
 # The result of a check of the paper's statements on a run.
@@ -213,7 +213,7 @@ from .plants.world.plant import Plant as Plant
 # Context in which MuJoCo's warnings are neither printed nor written to MUJOCO_LOG.TXT.
 from .plants.world.quiet import quiet as quiet
 
-# TODO
+# Sensors without noise.
 from .plants.world.sensors import EXACT_SENSORS as EXACT_SENSORS
 
 # Sensors with their own stream of random errors; without noise they are exact.
@@ -234,7 +234,7 @@ from .progress import counted as counted
 # Another key: whether u is the targets after a profile's limits and smoothing.
 from .record import PROFILED as PROFILED
 
-# TODO
+# Name of the file of a record.
 from .record import RECORD_FILE as RECORD_FILE
 
 # Key of a record's metadata: (n_u,) delays [s] of a servo arm's targets, after which u acts.

@@ -22,7 +22,6 @@ from ..core import Status
 from ..report import write_html
 from .evaluation import page as report
 from .evaluation.curves import with_curves
-from .evaluation.recording import write_run_recording
 from .evaluation.run_evaluation import evaluate
 from .evaluation.run_result import RunResult
 from .evaluation.summary import SUMMARY_FILE as SUMMARY
@@ -91,6 +90,8 @@ def _finish(
     checks = verify(run, truth, result) if len(run.record) >= ROWS else None
     result = with_curves(result, run, truth)
     if installed("rerun"):
+        from .evaluation.recording import write_run_recording
+
         write_run_recording(run, result, truth, checks)
     write_html(report.page(run, result, checks, command), run.folder)
     return result

@@ -1,18 +1,6 @@
 """The result of a command, and how pages, terminal and recordings show it.
 
 The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
 """
 
 import lazy_loader

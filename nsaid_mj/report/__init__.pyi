@@ -33,7 +33,7 @@ from .labels import groups as groups
 # Names of the velocities, or of their errors, with units and the prefix `mark`.
 from .labels import velocity_names as velocity_names
 
-# TODO
+# Name of the file of a page.
 from .page import REPORT_FILE as REPORT_FILE
 
 # Counts side by side, such as how many parameters are identified.
@@ -57,7 +57,7 @@ from .page import Items as Items
 # The results of a command.
 from .page import Page as Page
 
-# TODO
+# What a section of a page consists of: texts, lists, tables, figures, and what is folded.
 from .page import PageItem as PageItem
 
 # Panels below a title; without a title they form a separate card.
@@ -81,16 +81,16 @@ from .page import markdown as markdown
 # Writes report.html atomically and returns its path.
 from .page import write_html as write_html
 
-# TODO
+# Colour of what is wrong, such as a failed actuator.
 from .panels import BAD as BAD
 
 # Colours of curves on a light page.
 from .panels import COLOURS as COLOURS
 
-# TODO
+# Colour of grids.
 from .panels import GRID as GRID
 
-# TODO
+# Colour of lines and texts.
 from .panels import INK as INK
 
 # Index in `COLOURS`, and in a recording's palette, of a law's or method's colour on any plot.
@@ -123,7 +123,7 @@ from .panels import spread as spread
 # Indices of at most `points` of all rows, evenly spaced, including the first and the last.
 from .panels import thin as thin
 
-# TODO
+# Title of the section of correlations.
 from .parameters import CORRELATIONS as CORRELATIONS
 
 # Correlations (k, k) as a heat map, of the first ones; empty for fewer than two.
@@ -147,7 +147,7 @@ from .picture import robot_picture as robot_picture
 # Largest number of categories in a panel of ordinary width.
 from .plots import COLUMNS as COLUMNS
 
-# TODO
+# Width of a curve in a plot.
 from .plots import CURVE as CURVE
 
 # of a panel on a page, and of a wide one [inch]
@@ -180,7 +180,7 @@ from .plots import style as style
 # Renders a figure as an SVG element for an HTML page with other drawings.
 from .plots import svg as svg
 
-# TODO
+# Entity of the estimated forces.
 from .recording.forces import ESTIMATED as ESTIMATED
 
 # Colour of failed actuators and links.
@@ -192,10 +192,10 @@ from .recording.forces import Arrows as Arrows
 # The indices in θ of a vehicle's forces with a point of application, by that point [m].
 from .recording.forces import mounts_of as mounts_of
 
-# TODO
+# Name of the estimated inertias.
 from .recording.inertia import ESTIMATED_INERTIA as ESTIMATED_INERTIA
 
-# TODO
+# Name of the inertias that they are compared with.
 from .recording.inertia import REFERENCE as REFERENCE
 
 # The links whose ten inertial parameters are in θ, and the entities that show them.
@@ -240,10 +240,10 @@ from .recording.lines import path as path
 # Makes plots whose legends stand beside the curves, in an empty part of the time axis.
 from .recording.plots import Plots as Plots
 
-# TODO
+# Entity of the body of a vehicle.
 from .recording.scene import BODY as BODY
 
-# TODO
+# Entity of the robot.
 from .recording.scene import ROBOT as ROBOT
 
 # The camera of a 3D view, in world coordinates.
@@ -270,10 +270,10 @@ from .recording.torques import drawn as drawn
 # Rerun's defaults, used if they are free
 from .recording.viewer import GRPC_PORT as GRPC_PORT
 
-# TODO
+# Address of this machine, the only one that the viewer listens on.
 from .recording.viewer import LOCAL as LOCAL
 
-# TODO
+# Port of the viewer in a browser.
 from .recording.viewer import WEB_PORT as WEB_PORT
 
 # A free port on the loopback interface: `wish` if it is free, else any other.
@@ -300,7 +300,7 @@ from .result import EXPLAINS as EXPLAINS
 # Marks of parameters' statuses, best first.
 from .result import STATUSES as STATUSES
 
-# TODO
+# Whether the structure explains the motion: yes, partly, no.
 from .result import Explains as Explains
 
 # The display of a status or a verdict.
@@ -315,7 +315,7 @@ from .result import Result as Result
 # A number for each of what is compared: identifiers, methods, laws, joints, experiments.
 from .result import Statistic as Statistic
 
-# TODO
+# A parameter's identifiability, in words.
 from .result import Status as Status
 
 # A mark for each status that occurs, with the number of parameters that have it.

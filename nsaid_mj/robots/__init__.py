@@ -1,18 +1,6 @@
 """Reads robots from URDF or MJCF files, and writes these files with identified values.
 
 The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
 """
 
 import lazy_loader

@@ -30,7 +30,7 @@ from .assets import vehicle_files as vehicle_files
 # A robot description that cannot be simulated.
 from .errors import BadRobot as BadRobot
 
-# Raises what `calibration.models.load_robot_model` would if there is no such file or name.
+# Raises what `load_robot_model` would if there is no such file or name.
 from .files import check_model as check_model
 
 # Whether a model to identify is a vehicle: the path of a sheet or its folder, or a name.

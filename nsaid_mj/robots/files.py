@@ -88,7 +88,7 @@ def is_vehicle(model: str) -> bool:
 
 
 def check_model(model: str) -> None:
-    """Raises what `calibration.models.load_robot_model` would if there is no such file or name."""
+    """Raises what `load_robot_model` would if there is no such file or name."""
     if not is_vehicle(model):
         robot_file(model, packed_vehicles())
     elif model not in scenarios():

@@ -2,20 +2,6 @@
 
 `supervised` gives a law its guest; see `laws.efficient.supervisor` for the protocol.
 
-The names are listed in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
-The names that other houses may use are in `__init__.pyi`; each is imported on first use.
-
 The names that other houses may use are in `__init__.pyi`; each is imported on first use.
 """
 

@@ -6,13 +6,13 @@ from .faults.signals import signals_after as signals_after
 # The identifier with its supervisor, if its law can be supervised; else as it is.
 from .guest import supervised as supervised
 
-# TODO
+# Level of a motion that contradicts the structure.
 from .misfit import CONTRADICTS as CONTRADICTS
 
 # rows that can be judged; the run that warms up has as many
 from .misfit import FEWEST as FEWEST
 
-# TODO
+# Levels of a misfit, the best first.
 from .misfit import LEVELS as LEVELS
 
 # length of log that is judged, its end [s]

@@ -49,7 +49,7 @@ MJCF = """<mujoco model="two"><compiler angle="radian" meshdir="m"/><option dens
 _SCRIPT = """import numpy as np
 from nsaid_mj import MultisineCommand, NullspaceAID, ScalarRovPlant, Scenario
 from nsaid_mj.base.bounds import config
-from nsaid_mj.lab.control import Driver, DriverConfig
+from nsaid_mj.lab.control.driver import Driver, DriverConfig
 
 class Mine(Driver):
     def start(self):

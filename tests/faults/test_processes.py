@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from nsaid_mj.lab import evaluation, postprocessing
+from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.record import RECORD_FILE, Record
 from tests.support.faulty import CHECKOUT, FILES, shell, start
 
@@ -104,7 +104,7 @@ def test_ctrl_c_while_finishing_names_how_to_finish(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(evaluation, "evaluate", interrupted)
+    monkeypatch.setattr("nsaid_mj.lab.postprocessing.evaluate", interrupted)
     code, said = shell("run", "scalar_rov", *SHORT, "--out", tmp_path, "--quiet")
     assert code == 130
     assert said.err == (f"nsaid: interrupted. `nsaid view --rebuild {tmp_path}` finishes the run\n")

@@ -10,7 +10,7 @@ _SCRIPT = """
 import numpy as np
 from nsaid_mj import MultisineCommand, ScalarRovPlant, Scenario
 from nsaid_mj.base.bounds import config
-from nsaid_mj.lab.control import CompiledDriver, DriverConfig
+from nsaid_mj.lab.control.driver import CompiledDriver, DriverConfig
 
 
 class Mine(CompiledDriver):

@@ -270,7 +270,7 @@ def test_a_packed_robot_is_known_by_its_folder(tmp_path, monkeypatch):
     (tmp_path / "tx7").mkdir()
     (tmp_path / "tx7" / "tx7.urdf").write_text(chain())
     for module in (
-        "nsaid_mj.base.files",
+        "nsaid_mj.robots.assets",
         "nsaid_mj.robots.loading",
         "nsaid_mj.clinic.identify.models",
     ):

@@ -64,7 +64,7 @@ def identify(
         lock: joints that do not move.
         joints: the joints that move; all others are locked.
         columns: columns of all joints besides rotor inertia, viscous and Coulomb friction, names of
-            `COLUMNS` of `calibration.choose`; None to choose them for every joint inside the log.
+            `COLUMNS` of `choose.columns`; None to choose them for every joint inside the log.
         delay: delay of the commands [s], one or one per command; None to search within ±0.2 s.
         cutoff: cut-off frequency of the low-pass filter [Hz]; None for the motion's bandwidth.
         law: `batch`, the fit to all rows at once; `efficient`, `memory`, `cone` and `paper` also

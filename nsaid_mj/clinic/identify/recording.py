@@ -50,7 +50,7 @@ _PAGE = 12
 def record(page: Page, file: Path) -> Path:
     """Writes a recording of the training logs, atomically, and returns its path.
 
-    Logs are concatenated on the timeline `sim_time`; see `calibration.result.shifts`.
+    Logs are concatenated on the timeline `sim_time`; see `clinic.identify.result.shifts`.
 
     Args:
         page: the page of an identification.

@@ -244,7 +244,8 @@ class Kernel(Compiled):
 
     def renew(self) -> None:
         """Forgets numba's cache: before `translated`, of this kernel and all that it calls."""
-        self.function = _njit(**self._options | {"no_cpython_wrapper": True})(self.py_func)
+        own = self._options | {"no_cpython_wrapper": True, "cache": False}
+        self.function = _njit(**own)(self.py_func)
 
     def translated(self) -> shipped.Shipped:
         """Its code for `shipped.write`, newly translated from its text."""

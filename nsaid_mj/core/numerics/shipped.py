@@ -63,6 +63,8 @@ def _kernels() -> dict[str, list[str]]:
 def stripped(text: str, *kept: str) -> str:
     """A module's text with only those functions whose names are given, and what they need."""
     module = binding.parse_assembly(text)
+    defined = {function.name for function in module.functions if not function.is_declaration}
+    assert defined.issuperset(kept), "numba gives no code of what it has loaded from its cache"
     for function in module.functions:
         if not function.is_declaration and function.name not in kept:
             function.linkage = "internal"

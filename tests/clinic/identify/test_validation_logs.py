@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nsaid_mj.clinic.identify import identify as module
 from nsaid_mj.clinic.identify.identify import identify_forces
 from nsaid_mj.clinic.logs.unusable import UnusableLog
 from tests.support.robot_logs import columns, two_joints
@@ -38,7 +37,9 @@ OTHER = {"t": "t", "q1": "a", "q2": "b", "tau1": "c", "tau2": "d"}
 
 def test_a_validation_log_has_its_own_map(tmp_path, monkeypatch):
     given: list[Any] = []
-    monkeypatch.setattr(module, "calibrate", lambda *a, **_: given.extend(a))
+    monkeypatch.setattr(
+        "nsaid_mj.clinic.identify.calibrate.calibrate", lambda *a, **_: given.extend(a)
+    )
     log = write(tmp_path / "log.csv", OWN)
     other = write(tmp_path / "other.csv", OTHER, 180 / np.pi)
     (tmp_path / "map.toml").write_text(MAP, encoding="utf-8")

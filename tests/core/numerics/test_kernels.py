@@ -255,7 +255,8 @@ def test_compile_time_excludes_loading_and_counts_nothing_twice(tmp_path: Path):
     code = """
 import time
 import numpy as np
-from nsaid_mj.core.numerics import spatial, stopwatch
+from nsaid_mj.base import stopwatch
+from nsaid_mj.core.numerics import spatial
 calls, ones = [], np.ones(6)
 times = [time.perf_counter(), stopwatch.clock(), time.perf_counter()]
 with stopwatch.on_compiling(lambda: calls.append(1)):

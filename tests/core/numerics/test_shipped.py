@@ -14,7 +14,7 @@ from numba import njit
 from nsaid_mj.core.numerics import linalg, shipped
 from nsaid_mj.core.numerics.kernels import FAST
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 IMPORTED = """
 import importlib, pkgutil

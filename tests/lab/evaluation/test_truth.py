@@ -22,6 +22,7 @@ from nsaid_mj import (
     NullspaceAID,
     Scenario,
 )
+from nsaid_mj.base.files import RECORDING
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.nullspace.subspace import structural
 from nsaid_mj.lab import postprocessing
@@ -32,7 +33,6 @@ from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.evaluation.verify import verify
 from nsaid_mj.lab.loop import Run, SimulatedRun, run
 from nsaid_mj.lab.record import RECORD_FILE as RECORD
-from nsaid_mj.report import recording
 from nsaid_mj.report.page import REPORT_FILE
 from tests.support.faulty import ROV
 from tests.support.recordings import entities_of
@@ -154,7 +154,7 @@ def test_without_recorded_commands_there_is_no_measured_residual(tmp_path):
     done = unknown(run(replace(ROV, record_every=2), tmp_path))
     assert "force_residual_ratio_measured" not in summarize(done, None)
     result = postprocessing.finish(done)
-    assert (tmp_path / recording.FILE).is_file()
+    assert (tmp_path / RECORDING).is_file()
     assert result.accuracy.velocity_error_rms is not None
 
 
@@ -175,7 +175,7 @@ def test_a_run_without_a_truth_is_recorded_and_reported(done, tmp_path):
     assert json.loads((tmp_path / postprocessing.SUMMARY).read_text(encoding="utf-8")) == summary
     page = (tmp_path / REPORT_FILE).read_text(encoding="utf-8")
     assert "nan" not in page and "distance to the true set" not in page
-    seen = entities_of(tmp_path / recording.FILE)
+    seen = entities_of(tmp_path / RECORDING)
     wanted = {"/velocity", "/velocity/predicted", "/force/motion", "/force/actuators"}
     if len(bare.system.space.actuators) > 1:
         wanted.add("/gains_over_prior")
@@ -188,7 +188,7 @@ def test_a_recording_without_a_truth_shows_the_robot_move(tmp_path):
     done = run(BOAT, tmp_path)
     bare = Run(**{field.name: getattr(done, field.name) for field in fields(Run)})
     write_run_recording(bare, evaluated(bare, None), None)
-    seen = entities_of(tmp_path / recording.FILE)
+    seen = entities_of(tmp_path / RECORDING)
     assert "/robot/body" in seen and "/robot/body/force/estimated" in seen
     assert "/robot/body/force/commanded" not in seen
     assert any("Mesh3D" in column for columns in seen.values() for column in columns)

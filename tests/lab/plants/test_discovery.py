@@ -75,7 +75,9 @@ def test_a_new_file_in_plants_makes_a_plant_known(tmp_path):
     ignored = shutil.ignore_patterns("__pycache__")
     shutil.copytree(PACKAGE, tmp_path / "nsaid_mj", ignore=ignored)
     (tmp_path / "assets").symlink_to(PACKAGE.parent / "assets")
-    (tmp_path / "nsaid_mj" / "plants" / "hovering.py").write_text(NEW_PLANT, encoding="utf-8")
+    (tmp_path / "nsaid_mj" / "lab" / "plants" / "hovering.py").write_text(
+        NEW_PLANT, encoding="utf-8"
+    )
     code = """
 import sys; sys.path.insert(0, ".")
 import nsaid_mj

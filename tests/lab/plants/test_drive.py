@@ -271,7 +271,7 @@ def test_another_process_finds_the_loops_on_disk():
         driven(*made(case))
     code = """
 from tests.lab.plants.test_drive import driven, made
-from nsaid_mj.core.numerics import stopwatch
+from nsaid_mj.base import stopwatch
 for case in ("ur5", "bluerov2"):
     driven(*made(case))
 assert stopwatch.compile_seconds() == 0.0

@@ -18,7 +18,6 @@ import pytest
 
 from nsaid_mj.base.errors import BadRun, InvalidInput, UnknownName
 from nsaid_mj.core.laws.base import Status
-from nsaid_mj.lab import evaluation as metrics
 from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run as run_alone
@@ -195,7 +194,7 @@ def test_another_sweeps_folder_is_refused(
         "versions": PLAN,
     }[changed]
     if changed == "versions":
-        monkeypatch.setattr(metrics, "versions", lambda: {"python": "2.7"})
+        monkeypatch.setattr("nsaid_mj.plans.studies.study.versions", lambda: {"python": "2.7"})
     with pytest.raises(BadRun, match=f"another sweep.*{changed}") as caught:
         run_sweep(other, sweep.folder, quiet=True)
     assert caught.value.path == sweep.folder

@@ -14,8 +14,8 @@ import pytest
 from rich.console import Console
 
 from nsaid_mj.base.findings import Finding
-from nsaid_mj.clinic import identify as pages
 from nsaid_mj.clinic.identify import words
+from nsaid_mj.clinic.identify.page import identification_page
 from nsaid_mj.clinic.identify.result import Identification
 from nsaid_mj.report.drawings import extremes
 from nsaid_mj.report.page import render_html, write_html
@@ -40,12 +40,12 @@ def text(result: Identification) -> str:
 
 
 def page(result: Identification) -> str:
-    return render_html(pages.page(result))
+    return render_html(identification_page(result))
 
 
 def printed(result: Identification, *files: Path) -> str:
     stream = io.StringIO()
-    print_page(pages.page(result), Console(file=stream, width=120, highlight=False), files)
+    print_page(identification_page(result), Console(file=stream, width=120, highlight=False), files)
     return stream.getvalue()
 
 
@@ -137,7 +137,7 @@ def broken() -> Identification:
     ids=["one joint", "20 joints", "vehicle", "not explained", "nan", "no parameters"],
 )
 def test_unusual_identifications_are_reported(result: Identification, tmp_path: Path) -> None:
-    text = write_html(pages.page(result), tmp_path).read_text(encoding="utf-8")
+    text = write_html(identification_page(result), tmp_path).read_text(encoding="utf-8")
     Page.of(text)
     assert {p.label for p in result.parameters} <= cells(text)
     assert "nan" not in re.sub(r"<svg.*?</svg>", "", text, flags=re.DOTALL).lower()
@@ -177,7 +177,9 @@ def test_an_estimate_is_rounded_to_its_interval(
 @pytest.mark.parametrize("width", [60, 80, 200])
 def test_the_terminals_lines_are_not_broken_inside_a_status(width: int) -> None:
     stream = io.StringIO()
-    print_page(pages.page(identification()), Console(file=stream, width=width, highlight=False))
+    print_page(
+        identification_page(identification()), Console(file=stream, width=width, highlight=False)
+    )
     assert len(re.findall("● identified", stream.getvalue())) == 3
     assert max(map(len, stream.getvalue().splitlines()[2:-6])) <= max(width, 90)
 

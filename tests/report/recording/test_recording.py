@@ -24,7 +24,7 @@ from nsaid_mj import (
     Scenario,
 )
 from nsaid_mj.base.errors import NotWritten
-from nsaid_mj.base.files import write_json
+from nsaid_mj.base.files import RECORDING, write_json
 from nsaid_mj.core.laws.faults import FaultEvent
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.structure.columns.curve import LINEAR, polynomial
@@ -36,7 +36,6 @@ from nsaid_mj.lab.evaluation.recording import write_run_recording
 from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.evaluation.truth import truth_of as metrics_truth_of
 from nsaid_mj.lab.loop import FAULTS, SimulatedRun, run
-from nsaid_mj.report import recording
 from nsaid_mj.report.labels import groups, velocity_names
 from nsaid_mj.report.panels import spread
 from nsaid_mj.report.recording import (
@@ -91,7 +90,7 @@ def vehicle(tmp_path_factory: pytest.TempPathFactory) -> SimulatedRun:
 
 def read(result: SimulatedRun) -> dict[str, dict[str, list]]:
     """Column name to values, by entity, over all of a recording's chunks."""
-    return entities_of(result.folder / recording.FILE)
+    return entities_of(result.folder / RECORDING)
 
 
 def test_the_recording_of_an_arm_has_every_entity(arm: SimulatedRun) -> None:
@@ -171,7 +170,7 @@ def test_rerun_verifies_the_file_and_nothing_else_is_left(
     which: str, request: pytest.FixtureRequest
 ) -> None:
     result: SimulatedRun = request.getfixturevalue(which)
-    file = result.folder / recording.FILE
+    file = result.folder / RECORDING
     assert subprocess.call([*viewer.program(), "rrd", "verify", str(file)]) == 0
     assert not list(result.folder.glob(".*"))
 
@@ -298,7 +297,7 @@ def test_a_minute_of_recording_is_below_20_MB(arm: SimulatedRun) -> None:
     entities = read(arm)
     frames = len([t for t in entities["/robot/torque/estimated"]["sim_time"] if t is not None])
     assert frames <= 15 * arm.scenario.duration + 2
-    assert (arm.folder / recording.FILE).stat().st_size < 9e6  # meshes, mostly
+    assert (arm.folder / RECORDING).stat().st_size < 9e6  # meshes, mostly
 
 
 def test_the_recorded_text_states_the_result(arm: SimulatedRun) -> None:
