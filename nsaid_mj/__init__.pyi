@@ -9,7 +9,7 @@ from .clinic.identify.models import load_robot_model as load_robot_model
 from .clinic.identify.result import Identification as Identification
 from .clinic.live import live as live
 from .clinic.logs.unusable import UnusableLog as UnusableLog
-from .clinic.servos.words import ServoIdentification as ServoIdentification
+from .clinic.servos.result import ServoIdentification as ServoIdentification
 from .core.laws.base import Confidence as Confidence
 from .core.laws.base import Estimates as Estimates
 from .core.laws.base import Identifier as Identifier

@@ -324,7 +324,7 @@ from .structure.compiled import STRUCTURE as STRUCTURE
 from .structure.compiled import WORKSPACE as WORKSPACE
 
 # The numbers as kernels read them: float64, C-contiguous, writable; a copy only if needed.
-from .structure.configuration import plain as plain
+from .structure.configuration_space import plain as plain
 
 # Writes −M⁻¹ W diag(scale) (N, n, p) along a motion; returns whether M ≻ 0.
 from .structure.information import acceleration_rows as acceleration_rows

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from nsaid_mj.core.parameters import Array
-from nsaid_mj.core.structure.configuration import plain
+from nsaid_mj.core.structure.configuration_space import plain
 from nsaid_mj.core.structure.inverse_dynamics import InverseDynamics
 from nsaid_mj.core.structure.joints import JointTree
 from nsaid_mj.lab.control.computed_torque import Tracking, computed_torque, tracking_workspace

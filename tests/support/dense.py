@@ -15,7 +15,7 @@ from nsaid_mj.core.parameters import Array
 from nsaid_mj.core.quotient import barrier
 from nsaid_mj.core.quotient import cone as geometry
 from nsaid_mj.core.structure.arrays import FALL, FRAME
-from nsaid_mj.core.structure.configuration import plain
+from nsaid_mj.core.structure.configuration_space import plain
 from nsaid_mj.core.structure.kinematics import place
 from nsaid_mj.core.structure.motion import balance
 from nsaid_mj.core.structure.system import SecondOrderSystem, Stage

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from nsaid_mj.core.parameters import Array, Block, ParameterSpace
+from nsaid_mj.core.structure.derivatives import linearise
 from nsaid_mj.core.structure.forces import ALL, write_forces
+from nsaid_mj.core.structure.forward_dynamics import stage
 from nsaid_mj.core.structure.kinematics import place
-from nsaid_mj.core.structure.slopes import linearise
-from nsaid_mj.core.structure.stage import stage
 from nsaid_mj.core.structure.structure import Structure
 from nsaid_mj.core.structure.system import SecondOrderSystem
 from tests.support.dense import transport

@@ -5,7 +5,13 @@ import pinocchio as pin
 
 from nsaid_mj.clinic.identify.loads import Load
 from nsaid_mj.clinic.servos.estimate import JointEstimate, MassScale
-from nsaid_mj.clinic.servos.words import ServoIdentification, masses, parameters, servo, weighed
+from nsaid_mj.clinic.servos.result import (
+    ServoIdentification,
+    masses,
+    parameters,
+    servo,
+    weighed,
+)
 from nsaid_mj.robots.loading import load_tree
 from nsaid_mj.robots.model import RobotModel
 

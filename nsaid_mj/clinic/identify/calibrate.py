@@ -14,6 +14,16 @@ from ..logs.recordings import Recordings
 from ..logs.unusable import UnusableLog
 from .choose.structured import structured
 from .fit import Fit, Precision, minimise, precision, tempered, tempered_fit
+from .identifiability import (
+    combinations_in_words,
+    common_scale,
+    idle_values,
+    parameters_in_words,
+    rescaled,
+    suggest,
+    verdict,
+    with_known,
+)
 from .joints import TRUSTED, nearest_friction
 from .links import check_loads, payloads
 from .problem import FitProblem, folds, least_squares
@@ -27,16 +37,6 @@ from .result import (
     Structured,
     recording_shifts,
     statistics_of,
-)
-from .statements import (
-    combinations_in_words,
-    common_scale,
-    idle_values,
-    parameters_in_words,
-    rescaled,
-    suggest,
-    verdict,
-    with_known,
 )
 
 _FOLDS = 5

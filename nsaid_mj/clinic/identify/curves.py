@@ -10,8 +10,8 @@ import numpy as np
 from ...core import moving_joints, slides
 from ...lab import INTERVAL
 from ...report import COLOURS, Comparison, Forest, Panel, Points
-from ..servos.words import Replayed, ServoIdentification
-from . import words
+from ..servos.result import Replayed, ServoIdentification
+from . import wording
 from .result import Identification, shifts
 
 _WIDEST = 2.0  # half-width of a drawn interval, of a gain's logarithm
@@ -41,7 +41,7 @@ def errors_of(result: Identification) -> Forest:
     certain = np.ones(len(result.joints), bool)
     empty = np.full(len(values), np.nan)
     return Forest(
-        f"Prediction error per {words.rows_of(result)[0]}",
+        f"Prediction error per {wording.rows_of(result)[0]}",
         "NRMSE of the command (100: predicting the mean) [%]",
         [j.name for j in result.joints],
         values,
@@ -61,9 +61,9 @@ def commands_of(result: Identification, validation: bool = False) -> tuple[Compa
         return ()
     found = []
     for j, fit in enumerate(result.joints):
-        symbol, unit = words.quantity(result, j)
+        symbol, unit = wording.quantity(result, j)
         panel = Comparison(
-            words.title_of(fit, validation),
+            wording.title_of(fit, validation),
             symbol,
             unit,
             curves.t,
@@ -134,7 +134,7 @@ def _estimates_of(result: Identification) -> list[Panel]:
         band = None
         if k in gains and np.isfinite(half).any():
             width = half[:, gains[k]]
-            width = np.where(width < words.UNKNOWN, width, np.nan)
+            width = np.where(width < wording.UNKNOWN, width, np.nan)
             band = value * np.exp(-width), value * np.exp(width)
         panel.add(along.t, value, f"{p.label} [{p.unit}]", band, part=(p.label, "value"))
     return list(panels.values())

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..logs.mapping import Map
     from ..logs.recordings import Recordings
     from ..servos.logs import ServoLogs
-    from ..servos.words import ServoIdentification
+    from ..servos.result import ServoIdentification
     from .loads import Load
     from .result import Identification, Options
 

@@ -34,7 +34,7 @@ from ...report import (
     gains_of,
 )
 from ...report import Panel as Curves
-from . import words
+from . import wording
 from .curves import with_curves
 from .result import Identification
 
@@ -69,7 +69,7 @@ def identification_page(result: Identification, command: str = "") -> Page:
     from ...report import figures_of  # imported late: matplotlib takes half a second
     from . import picture
 
-    row, rows = words.rows_of(result)
+    row, rows = wording.rows_of(result)
     n = len(result.joints)
     drawn = [sketch] if (sketch := picture.picture(result)) else []
     result = with_curves(result)
@@ -115,7 +115,7 @@ def identification_page(result: Identification, command: str = "") -> Page:
         result=result,
         eyebrow="identification from logs",
         lead=f"{n} {row if n == 1 else rows}, {count(len(result.parameters), 'parameter')}; "
-        f"{words.logs_in_words(result)}; identified in {result.seconds:.1f} s.",
+        f"{wording.logs_in_words(result)}; identified in {result.seconds:.1f} s.",
         tab=f"{result.robot.name} · identification",
         carrying=[*figures_of([errors], len(drawn)), *drawn],
         sections=[section for section in sections if section.panels],
@@ -130,7 +130,7 @@ Draw = Callable[[Iterable[AnyPanel]], list[Figure]]
 
 def _sections(result: Identification, draw: Draw) -> list[Section]:
     """What the log determines of each parameter, and what it does not."""
-    arm = words.rows_of(result)[0] == "joint"
+    arm = wording.rows_of(result)[0] == "joint"
     gains = result.gains
     bodies = result.bodies
     others = [p for p in result.parameters if p.block not in bodies and not p.is_gain]
@@ -199,7 +199,7 @@ def _sections(result: Identification, draw: Draw) -> list[Section]:
 def _quality(result: Identification) -> Table:
     """The prediction's quality and the chosen structure, per joint; of many the worst first."""
     checked = any(j.validation is not None for j in result.joints)
-    heads = [f"NRMSE by {words.rows_of(result)[0]}", "fit", "held out"]
+    heads = [f"NRMSE by {wording.rows_of(result)[0]}", "fit", "held out"]
     heads += ["least squares", *["validation", "least squares"] * checked]
     units = ", ".join(f"{unit}/s" for unit in dict.fromkeys(result.robot.units))
     heads += ["delay", f"friction speed [{units}]", "columns"]
@@ -208,10 +208,10 @@ def _quality(result: Identification) -> Table:
     if len(kept) > _LINES:
         kept.sort(key=lambda j: -j.held_out if math.isfinite(j.held_out) else -math.inf)
     for j in kept:
-        line: list[Cell] = [j.name, words.nrmse(j.fit), words.quality(j.held_out)]
-        line.append(words.nrmse(j.least_squares))
+        line: list[Cell] = [j.name, wording.nrmse(j.fit), wording.quality(j.held_out)]
+        line.append(wording.nrmse(j.least_squares))
         if checked:
-            line += [words.nrmse(j.validation), words.nrmse(j.validation_least_squares)]
+            line += [wording.nrmse(j.validation), wording.nrmse(j.validation_least_squares)]
         line += [f"{number(1e3 * j.delay, 0.1)} ms", number(j.friction_speed), ", ".join(j.columns)]
         lines.append(line)
     last = len(heads) - 1
@@ -263,9 +263,9 @@ def _law(result: Identification, figures: Sequence[Figure]) -> list[PageItem]:
     heads = ["gain / mean", law, limits, "batch fit", limits, "agree"]
     gains = []
     if along.gains:
-        gains = [Table(heads, words.law_gains(along), (0, 5), spare=(4, 2), most=_LINES)]
+        gains = [Table(heads, wording.law_gains(along), (0, 5), spare=(4, 2), most=_LINES)]
     rows = zip(result.joints, along.last, along.batch_last, strict=True)
-    lines = [[joint.name, words.nrmse(own), words.nrmse(fit)] for joint, own, fit in rows]
+    lines = [[joint.name, wording.nrmse(own), wording.nrmse(fit)] for joint, own, fit in rows]
     last = Table(["NRMSE of the last fifth", law, "batch fit"], lines, most=_LINES)
     note = (
         "The law followed the log once, sample by sample, with columns, delays and prior of the "
@@ -280,7 +280,7 @@ def _law(result: Identification, figures: Sequence[Figure]) -> list[PageItem]:
 def _unknown(result: Identification) -> list[PageItem]:
     """Parameters that the log does not determine."""
     found: list[PageItem] = []
-    for status, names in words.unknown_in_words(result):
+    for status, names in wording.unknown_in_words(result):
         found += [Badges([STATUSES[status]]), Text(f"{_SILENT[status].capitalize()}: {names}.")]
     return found
 

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from ...core import Array, bones, positions
 from ...report import BAD, COLOURS, GRID, INK, WIDTH, style, svg
 from ...report import Figure as PageFigure
-from . import words
+from . import wording
 from .result import Identification
 
 _AZIMUTH = np.radians(-52.0)
@@ -36,7 +36,7 @@ def picture(result: Identification) -> PageFigure | None:
         return None
     joints = flat[: model.njoints - 1, 0]
     names = list(model.names)[1:]
-    marks = {j.name: words.quality(j.held_out).kind for j in result.joints}
+    marks = {j.name: wording.quality(j.held_out).kind for j in result.joints}
     with style():
         figure = Figure(figsize=(WIDTH, max(3.0, 0.09 * len(names) + 1)))
         axis = figure.add_axes((0.0, 0.0, 1.0, 1.0))

@@ -35,11 +35,11 @@ from ...report import (
 )
 from ...report import Panel as Curves
 from ...robots import RobotModel
-from . import words
+from . import wording
 from .result import Identification, recording_shifts
 
 if TYPE_CHECKING:
-    from ..servos.words import Replayed
+    from ..servos.result import Replayed
 
 _FRAMES = 12000  # largest number of frames of the robot, and frames per second
 _RATE = 30.0
@@ -115,15 +115,15 @@ def _blueprint(found: Identification, camera: Camera | None, plots: Plots) -> rr
         camera: camera of the robot; None leaves the 3D view out.
         plots: makes the plots.
     """
-    units = [words.quantity(found, j)[1] for j in range(len(found.joints))]
+    units = [wording.quantity(found, j)[1] for j in range(len(found.joints))]
     joints = [
-        (fit.name, unit, fit.held_out, f"NRMSE {words.nrmse(fit.held_out)} held out")
+        (fit.name, unit, fit.held_out, f"NRMSE {wording.nrmse(fit.held_out)} held out")
         for fit, unit in zip(found.joints, units, strict=True)
     ]
     pages = joint_pages(camera, plots, joints, "command", "predicted")
     if found.validation is not None:
         checked = [
-            (fit.name, unit, 0.0, f"NRMSE {words.nrmse(fit.validation)} validation")
+            (fit.name, unit, 0.0, f"NRMSE {wording.nrmse(fit.validation)} validation")
             for fit, unit in zip(found.joints, units, strict=True)
         ]
         pages += paged("Validation", plots, _titles("validation/command", checked))
@@ -222,7 +222,7 @@ def record_servos(page: Page, replayed: Replayed, file: Path) -> Path:
         replayed: the logs, and simulations of them with the exported model.
         file: path of the recording, ending in .rrd.
     """
-    from ..servos.words import ServoIdentification
+    from ..servos.result import ServoIdentification
 
     found = page.result
     assert isinstance(found, ServoIdentification)

@@ -47,7 +47,7 @@ from ...robots import (
     write_xml,
 )
 from .logs import ServoLog, ServoLogs
-from .words import Replayed, Servo, ServoIdentification
+from .result import Replayed, Servo, ServoIdentification
 
 HARD = "0.9999 0.9999 0.001 0.5 2"
 """solimpfriction: MuJoCo's default is so soft that a joint creeps under its load."""

@@ -19,7 +19,7 @@ from ..logs.tables import LogTable, read_tables
 from .estimate import estimate
 from .fit import DELAY
 from .logs import ServoLog, ServoLogs, read_servo_logs, servo_map
-from .words import (
+from .result import (
     ServoIdentification,
     gravity_notes,
     masses,

@@ -24,7 +24,7 @@ from ...report import (
 from ..identify.comparison import Score
 from ..identify.curves import replays_of
 from .logs import ServoLog
-from .words import Replayed, ServoIdentification
+from .result import Replayed, ServoIdentification
 
 _SHOWN = {"T": 1e3, "f": 1e3, "kp": 1.0, "d": 1e3, "armature": 1.0}
 # factor to the unit in the head

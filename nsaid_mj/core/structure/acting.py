@@ -21,8 +21,8 @@ from .columns import KINDS, joint
 from .columns.joint import force_alone
 from .compiled import STRUCTURE, WORKSPACE
 from .forces import ALL, ROLLING, write_forces
+from .forward_dynamics import write_equations
 from .kinematics import place
-from .stage import write_equations
 from .structure import Structure
 
 _NEAR = {kind.name for kind in joint.KINDS if kind.name != "load"}

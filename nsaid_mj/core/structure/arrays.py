@@ -97,7 +97,10 @@ WRENCH = 12
 PUSH = 18
 FIELD = 24
 MOTION = 36
-"""Columns of `Workspace.motion`: W; J̇ w; the wrench; J a; field of a rigid body, see `stage`."""
+"""Columns of `Workspace.motion`: W; J̇ w; the wrench; J a; field of a rigid body.
+
+See `forward_dynamics`.
+"""
 
 SQUARE = 10
 INERTIA = 46
@@ -106,7 +109,7 @@ INERTIA = 46
 SCRATCH = 96
 SPARE = 6
 ROWS = 7
-"""Sizes of the workspace; its last row is for `slopes`, those before are for a step."""
+"""Sizes of the workspace; its last row is for `derivatives`, those before are for a step."""
 
 
 class Workspace(NamedTuple):
@@ -133,7 +136,7 @@ MOVED = 12
 
 
 class Slopes(NamedTuple):
-    """Workspace for derivatives of the forward dynamics, see `slopes`."""
+    """Workspace for derivatives of the forward dynamics, see `derivatives`."""
 
     state: Array  # state of a sample
     # (b · SLOPE,) of every body with all that it carries: of entries and columns the inertia (6, 6)

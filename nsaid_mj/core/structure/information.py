@@ -15,10 +15,10 @@ import numpy as np
 
 from ..numerics.kernels import kernel
 from ..numerics.linalg import add_square, cholesky, invert_lower
+from .derivatives import linearise
 from .forces import ALL, write_forces
+from .forward_dynamics import require
 from .kinematics import place
-from .slopes import linearise
-from .stage import require
 from .transition import step
 
 _BLOCK = 16  # samples whose rows enter J together: one product of matrices instead of many

@@ -10,8 +10,8 @@ from ..parameters import Array
 from .arrays import AT_Q, CIRCLE, KIND, Slopes, StructureArrays, Workspace, memory_of
 from .compiled import SLOPES, STRUCTURE, WORKSPACE
 from .forces import ALL, write_forces
+from .forward_dynamics import require
 from .kinematics import place
-from .stage import require
 
 
 class InverseDynamics(NamedTuple):

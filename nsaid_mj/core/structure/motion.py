@@ -27,12 +27,12 @@ from ..parameters import Array
 from .arrays import AT_V, COUNT, FALL, FRAME, PARENT, RATE, TEN, TWIST, StructureArrays
 from .compiled import STRUCTURE, WORKSPACE
 from .forces import ALL, COMMANDED, MOVING, forces_inline, write_forces
+from .forward_dynamics import accelerate
+from .forward_dynamics import stage as structure_stage
 from .inertia import add_power, add_weight
 from .kinematics import place, place_along
 from .poses import half_way
 from .spatial import into_body, unrotate
-from .stage import accelerate
-from .stage import stage as structure_stage
 
 _V = 0  # vectors in the body's axes
 _G = 12

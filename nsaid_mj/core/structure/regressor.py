@@ -16,10 +16,10 @@ from .arrays import (
 )
 from .compiled import STRUCTURE, WORKSPACE
 from .forces import ALL, write_forces
+from .forward_dynamics import accumulate
 from .inertia import add_power
 from .kinematics import place
 from .spatial import add_turned, clear, into_body
-from .stage import accumulate
 
 _V = 0  # vectors in the body's axes
 _W = 6
@@ -64,8 +64,8 @@ def _add_row(structure, b, state, axis, j, x, W):
 def write_regressor(structure, state, w, a, weight, F, work, W):
     """Writes W(t, x, w, a) (n, p): W_M + W_C − F of (10).
 
-    Row j of a body's columns is S_jᵀ f, with f as in `stage`; in the body's own axes it is
-    Sᵀ I (A + ½ T − g) − ½ (V × S)ᵀ I W − ½ (W × S)ᵀ I V.
+    Row j of a body's columns is S_jᵀ f, with f as in `forward_dynamics`; in the body's own axes it
+    is Sᵀ I (A + ½ T − g) − ½ (V × S)ᵀ I W − ½ (W × S)ᵀ I V.
 
     state (s,) is that of the measured state, C multiplies w (n,), a (n,) is the acceleration,
     `weight` is 1 with the weight of rigid bodies and 0 without, F (z,) holds the entries of F.

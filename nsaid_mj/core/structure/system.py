@@ -23,7 +23,7 @@ from ...base import InvalidInput
 from ..log import Log, Measurement
 from ..parameters import Array, Indices, ParameterSpace, finite
 from .arrays import StructureArrays
-from .configuration import StructuredKinematics, plain
+from .configuration_space import StructuredKinematics, plain
 from .motion import Motion, accelerate_at, along, balance
 from .regressor import write_regressors
 from .structure import Structure

@@ -12,12 +12,12 @@ error is of third order in the step. θ acts through the n components of c alone
 
 from ..numerics.kernels import f8, index, kernel, matrix, routine, vector, void
 from .compiled import SLOPES, STRUCTURE, WORKSPACE
+from .derivatives import linearise
 from .forces import ALL, write_forces
+from .forward_dynamics import accelerate
 from .kinematics import place
 from .poses import add_bracket, group_of, integrate
-from .slopes import linearise
 from .spatial import clear
-from .stage import accelerate
 
 WAY, SPEED, RATE, FORCE, SUM, SUMS = range(6)
 """Rows of `Workspace.rows` in a step: ξ, v and their rates at a stage, and their sums."""

@@ -18,8 +18,8 @@ from nsaid_mj.clinic.identify.fit import (
     precision,
     tempered,
 )
+from nsaid_mj.clinic.identify.identifiability import parameters_in_words, suggest
 from nsaid_mj.clinic.identify.problem import FitProblem, Size, folds, least_squares
-from nsaid_mj.clinic.identify.statements import parameters_in_words, suggest
 from nsaid_mj.core.parameters import Block, ParameterSpace
 
 

@@ -19,6 +19,7 @@ from nsaid_mj.clinic.identify.choose.joint_search import (
     with_constants,
 )
 from nsaid_mj.clinic.identify.fit import minimise, precision
+from nsaid_mj.clinic.identify.identifiability import with_known
 from nsaid_mj.clinic.identify.identify import identify_forces
 from nsaid_mj.clinic.identify.joints import JointRows
 from nsaid_mj.clinic.identify.models import load_robot_model
@@ -31,8 +32,7 @@ from nsaid_mj.clinic.identify.residuals import (
     widened,
     with_doubts,
 )
-from nsaid_mj.clinic.identify.statements import with_known
-from nsaid_mj.clinic.identify.suspects import _answered, _between
+from nsaid_mj.clinic.identify.unmodelled_effects import _answered, _between
 from nsaid_mj.clinic.logs.recordings import LogSegment, Recordings
 from nsaid_mj.core.log import Log
 from tests.clinic.identify.test_fit import TRUE, problem_of

@@ -9,7 +9,7 @@ from nsaid_mj.clinic.servos.estimate import JointEstimate, MassScale, _moderated
 from nsaid_mj.clinic.servos.export import write_servo_mjcf
 from nsaid_mj.clinic.servos.fit import Spread
 from nsaid_mj.clinic.servos.identify import identify_servos, servo_logs
-from nsaid_mj.clinic.servos.words import (
+from nsaid_mj.clinic.servos.result import (
     gravity_notes,
     masses,
     parameters,

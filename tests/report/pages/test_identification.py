@@ -14,7 +14,7 @@ import pytest
 from rich.console import Console
 
 from nsaid_mj.base.findings import Finding
-from nsaid_mj.clinic.identify import words
+from nsaid_mj.clinic.identify import wording
 from nsaid_mj.clinic.identify.page import identification_page
 from nsaid_mj.clinic.identify.result import Identification
 from nsaid_mj.report.drawings import extremes
@@ -194,8 +194,8 @@ def test_curves_of_a_vehicle_are_forces_on_its_velocities() -> None:
     system = SimpleNamespace(velocity_units=("m/s", "rad/s"))
     robot = replace(result.robot, system=system, joints=("rotor 1", "rotor 2"))
     vehicle = replace(result, robot=robot)
-    assert [words.quantity(vehicle, j) for j in (0, 1)] == [("force", "N"), ("torque", "N·m")]
-    assert words.quantity(result, 0) == ("u", "A")
+    assert [wording.quantity(vehicle, j) for j in (0, 1)] == [("force", "N"), ("torque", "N·m")]
+    assert wording.quantity(result, 0) == ("u", "A")
 
 
 def test_thinning_keeps_every_peak() -> None:

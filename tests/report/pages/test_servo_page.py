@@ -6,7 +6,7 @@ import numpy as np
 
 from nsaid_mj.clinic.servos.logs import ServoLog
 from nsaid_mj.clinic.servos.page import servo_page
-from nsaid_mj.clinic.servos.words import Replayed
+from nsaid_mj.clinic.servos.result import Replayed
 from nsaid_mj.report.page import render_html
 from tests.support.servos import NAMES, identified_servos
 

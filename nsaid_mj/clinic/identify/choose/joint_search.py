@@ -31,7 +31,7 @@ from ..residuals import Suspect
 from ..result import JointStructure, Options, Structured
 from ..smoothing import refined as finer
 from ..smoothing import twice_as_noisy
-from ..suspects import arm_suspects
+from ..unmodelled_effects import arm_suspects
 from .columns import BASIC, FASTENED, SPEEDS, Choice
 from .cutoff import NARROWER, filter_for
 from .held_out import basis_of, held_out_errors, rms, shared_errors, unexplained

@@ -16,7 +16,7 @@ from ..fit import inflation, minimise, tempered, tempered_fit
 from ..problem import FitProblem
 from ..residuals import Suspect
 from ..result import JointStructure, Options, Structured
-from ..suspects import command_suspects
+from ..unmodelled_effects import command_suspects
 from ..vehicles import VehicleRows
 from .columns import EXTRA
 from .cutoff import NARROWER, filter_for

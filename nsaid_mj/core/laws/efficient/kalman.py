@@ -32,9 +32,9 @@ from ...numerics.kernels import f8, i8, kernel, matrix, vector, void
 from ...parameters import Array
 from ...quotient.cone import inside
 from ...structure.forces import ALL, write_forces
+from ...structure.forward_dynamics import accelerate
 from ...structure.kinematics import place
 from ...structure.poses import difference, integrate
-from ...structure.stage import accelerate
 from ...structure.transition import step as transition
 from .covariance import copy_matrix, innovate, keep_above_rounding, predict, update
 from .filter import (

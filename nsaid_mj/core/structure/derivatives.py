@@ -78,12 +78,12 @@ from .columns.joint import LOAD as LOAD_FRICTION
 from .columns.joint import SHARED_VISCOUS, coordinate, joint_force, slope_by_other
 from .compiled import SLOPES, STRUCTURE, WORKSPACE
 from .forces import ALL, BODY_KINDS, write_forces, write_surroundings, write_wrench
+from .forward_dynamics import accelerate
 from .inertia import add_rigid, add_square, add_turning, write_rigid, write_square
 from .kinematics import place
 from .poses import integrate
 from .regressor import write_regressor
 from .spatial import add_cross, add_pushed, add_turned, clear, dot, out_of_body, turn_square
-from .stage import accelerate
 
 STEP = 1e-7
 """Step of the forward differences, relative to 1 + |value|."""
