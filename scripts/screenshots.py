@@ -32,7 +32,7 @@ from scipy.spatial.transform import Rotation
 from nsaid_mj.base.errors import NsaidError
 from nsaid_mj.cli import commands as cli
 from nsaid_mj.core.log import Log
-from nsaid_mj.lab import finish as postprocessing
+from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.loop import SimulatedRun, run
 from nsaid_mj.report.recording import FILE
 from nsaid_mj.report.recording.forces import Arrows, body_forces

@@ -133,7 +133,7 @@ class Fold:
     """Panels that are folded on a screen, and open on paper."""
 
     title: str  # that opens and closes them
-    item_lines: Sequence[PageItem]  # what is folded
+    panels: Sequence[PageItem]  # what is folded
     counts: Sequence[Mark] = ()  # marks beside the title
     small: str = ""  # words beside the title
     open: bool = False  # whether they are open at first
@@ -147,7 +147,7 @@ class Section:
     """Panels below a title; without a title they form a separate card."""
 
     title: str  # above the panels
-    item_lines: Sequence[PageItem]  # from top to bottom
+    panels: Sequence[PageItem]  # from top to bottom
     beside: Figure | None = None  # on their right where the page is wide
     brief: bool = False  # whether the terminal and recordings show them, too, without drawings
 

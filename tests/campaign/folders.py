@@ -14,7 +14,7 @@ from pathlib import Path
 from nsaid_mj import Record, run
 from nsaid_mj.base.errors import NsaidError
 from nsaid_mj.core.laws.faults import FaultEvent
-from nsaid_mj.lab import finish as postprocessing
+from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.evaluation.summary import summary_of
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import FAULTS

@@ -169,10 +169,10 @@ def test_a_simulated_run_enters_nothing_of_logs_of_real_robots_or_of_other_plans
     short = ["--duration", "1", "--held-out", "0.5", "--pe-window", "0.5", "--out", "run"]
     code, modules = entered(["run", "double_pendulum", *short], tmp_path)
     assert code in (0, 1)
-    rooms = {name.partition(".")[0] for name in files(modules)}
-    assert not rooms & {"calibration", "logs", "design", "studies", "baselines"}
-    own = {name for name in files(modules) if name.startswith(("plants.", "control.", "robot."))}
-    assert not own & {"plants.underwater", "plants.uvms", "control.quadrotor", "robot.mjcf"}
+    houses = {name.partition(".")[0] for name in files(modules)}
+    assert not houses & {"clinic", "plans"}
+    others = {"lab.baselines", "lab.plants.uvms", "lab.control.quadrotor", "robots.mjcf"}
+    assert not others & set(files(modules))
 
 
 # -- words of commands ---------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.cli.commands import command
 from nsaid_mj.cli.grammar import RunOptions
 from nsaid_mj.core.laws.config import NullspaceAID
-from nsaid_mj.lab import finish as postprocessing
+from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.evaluation.figures import held_out_rows, residual_ratio
 from nsaid_mj.lab.evaluation.lyapunov import energy
 from nsaid_mj.lab.evaluation.summary import result_from, summary_of

@@ -14,7 +14,7 @@ import pytest
 from nsaid_mj import Record, run
 from nsaid_mj.base.errors import BadRun, InvalidInput, NsaidError
 from nsaid_mj.clinic.logs.formats.run import read as read_log
-from nsaid_mj.lab import finish as postprocessing
+from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.evaluation.page import brief
 from nsaid_mj.lab.evaluation.summary import result_from, summary_of
 from nsaid_mj.lab.evaluation.verify import verify_folder

@@ -16,7 +16,7 @@ import pytest
 
 from nsaid_mj import ConventionalAID, NullspaceAID, Scenario
 from nsaid_mj.core.laws.base import Status
-from nsaid_mj.lab import finish as postprocessing
+from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.control import multisine, series
 from nsaid_mj.lab.evaluation.summary import result_from, summary_of
 from nsaid_mj.lab.loop import Observer, run

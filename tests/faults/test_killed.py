@@ -16,7 +16,7 @@ import pyarrow as pa
 import pytest
 
 from nsaid_mj.cli import commands as cli
-from nsaid_mj.lab import finish as postprocessing
+from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.record import RECORD_FILE, Record
 from tests.support.faulty import FILES, ROV, shell, start, strict

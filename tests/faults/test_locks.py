@@ -17,7 +17,7 @@ import pytest
 
 from nsaid_mj.base.errors import BadRun, FolderInUse, NotWritten
 from nsaid_mj.base.files import atomic_write, locked, write_text
-from nsaid_mj.lab import finish as postprocessing
+from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.loop import Observer, run
 from nsaid_mj.lab.record import RECORD_FILE, Record
 from nsaid_mj.plans.studies.engine import Engine

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from nsaid_mj.lab import finish as postprocessing
+from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.record import RECORD_FILE
 from tests.support.faulty import ROV
@@ -44,7 +44,7 @@ def test_finishing_leaves_no_threads_and_no_memory(times: int, tmp_path: Path) -
 FINISH = """
 import sys, time
 from pathlib import Path
-from nsaid_mj.report.recording import postprocessing
+from nsaid_mj.lab import postprocessing
 begin = time.monotonic()
 postprocessing.rebuild(Path(sys.argv[1]))
 # the kernel's ru_maxrss begins with that of the process that started this one

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from nsaid_mj.lab import evaluation
-from nsaid_mj.lab import finish as postprocessing
+from nsaid_mj.lab import evaluation, postprocessing
 from nsaid_mj.lab.record import RECORD_FILE, Record
 from tests.support.faulty import CHECKOUT, FILES, shell, start
 

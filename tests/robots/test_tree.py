@@ -138,5 +138,5 @@ def test_any_tree_is_the_same_in_both_engines(body, seed):
 
 @pytest.mark.parametrize(("name", "end"), [("so101", ".xml"), ("tx40", ".urdf"), ("ur5", ".urdf")])
 def test_a_packed_robot_is_found_without_example_robot_data(name, end, monkeypatch):
-    monkeypatch.setattr("nsaid_mj.robots.loading.example_robots", dict)
+    monkeypatch.setattr("nsaid_mj.robots.files.example_robots", dict)
     assert robot_file(name).path.suffix == end

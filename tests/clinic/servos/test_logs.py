@@ -120,7 +120,7 @@ def test_inspecting_says_that_commands_are_targets(motion, tmp_path):
 
 
 def test_a_packed_servo_arm_is_identified_from_python_too(monkeypatch):
-    monkeypatch.setattr("nsaid_mj.clinic.identify.identify.identify_servos", lambda given, _: given)
+    monkeypatch.setattr("nsaid_mj.clinic.servos.identify.identify_servos", lambda given, _: given)
     given = nsaid_mj.identify("so101")
     assert [log.source for log in given.logs] == ["log.csv.gz"]
     assert given.robot.joints[0] == "shoulder_pan"

@@ -94,7 +94,8 @@ def test_a_file_of_other_sources_is_not_used(monkeypatch):
 
 TWO = """
 import numpy as np
-from nsaid_mj.numerics import linalg, spatial, stopwatch
+from nsaid_mj.base import stopwatch
+from nsaid_mj.core.numerics import linalg, spatial
 linalg.cholesky(np.eye(2), np.zeros((2, 2)))
 spatial.bracket(6, np.ones(6), np.ones(6))
 print(stopwatch.compile_seconds() > 0)

@@ -24,7 +24,7 @@ from nsaid_mj import (
 )
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.nullspace.subspace import structural
-from nsaid_mj.lab import finish as postprocessing
+from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.evaluation.figures import averaged_rows, converged_at, residual_ratio
 from nsaid_mj.lab.evaluation.recording import write_run_recording
 from nsaid_mj.lab.evaluation.summary import summary_of

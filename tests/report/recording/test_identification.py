@@ -11,7 +11,7 @@ import pytest
 
 from nsaid_mj import BlueROV2Plant
 from nsaid_mj.base.findings import Finding
-from nsaid_mj.clinic.identify import page
+from nsaid_mj.clinic.identify.page import identification_page as page
 from nsaid_mj.clinic.identify.recording import record
 from nsaid_mj.clinic.identify.result import Identification, shifts
 from nsaid_mj.core.log import Log
