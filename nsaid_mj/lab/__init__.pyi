@@ -171,7 +171,7 @@ from .observer import Observer as Observer
 # The structure, prior and meshes of a robot, without true values.
 from .observer import RobotDescription as RobotDescription
 
-# Parses the part of a command line that follows a scenario's name.
+# Parses what follows a scenario's name on a command line, and checks the robot's name.
 from .options import parse_scenario as parse_scenario
 
 # The flags of `nsaid run` that turn the scenario of a script into a given one.

@@ -41,6 +41,19 @@ _Options = TypeVar("_Options")
 def parse_scenario(
     name: str, default: Scenario, arguments: Sequence[str], command: str, options: type[_Options]
 ) -> tuple[Scenario, _Options]:
+    """Parses what follows a scenario's name on a command line, and checks the robot's name.
+
+    Raises:
+        NsaidError: a field's value is refused, or there is no such robot or vehicle.
+    """
+    scenario, chosen = parse_flags(name, default, arguments, command, options)
+    _check_plant(scenario.plant)
+    return scenario, chosen
+
+
+def parse_flags(
+    name: str, default: Scenario, arguments: Sequence[str], command: str, options: type[_Options]
+) -> tuple[Scenario, _Options]:
     """Parses the part of a command line that follows a scenario's name.
 
     `default` is the scenario as its script defines it. The options of a command of `nsaid`, a
@@ -49,9 +62,6 @@ def parse_scenario(
 
     Returns:
         The scenario with the fields given as flags replaced, and the command's options.
-
-    Raises:
-        NsaidError: a flag or its value is wrong, or there is no such robot or vehicle.
     """
     own = {f.name for f in _fields(options)}
     paths = [path for path in field_paths(default) if path not in own]
@@ -74,9 +84,7 @@ def parse_scenario(
     given |= {path: field_at(filled, path) for path in paths if path not in main}
     changed = {path: new for path, new in given.items() if new != field_at(default, path)}
     chosen: dict[str, Any] = {"scenario": name} | {key: getattr(filled, key) for key in own}
-    scenario = with_fields(default, changed)
-    _check_plant(scenario.plant)
-    return scenario, options(**chosen)
+    return with_fields(default, changed), options(**chosen)
 
 
 def repeated_flags(default: Scenario, scenario: Scenario) -> tuple[str, ...]:

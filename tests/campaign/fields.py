@@ -19,7 +19,7 @@ from nsaid_mj import Scenario
 from nsaid_mj.base.errors import InvalidInput, UnknownName
 from nsaid_mj.cli.grammar import RunOptions
 from nsaid_mj.lab.library import load
-from nsaid_mj.lab.options import parse_scenario
+from nsaid_mj.lab.options import parse_flags
 from nsaid_mj.lab.scenario import field_at, field_paths, with_fields
 from nsaid_mj.robots.assets import scenarios
 
@@ -127,7 +127,7 @@ def flagged(scenario: Scenario, values: dict[str, Any]) -> Scenario | None:
             words += [f"--{path}", *(str(item) for item in items)]
     try:
         with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
-            return parse_scenario("x", scenario, words, "run", RunOptions)[0]
+            return parse_flags("x", scenario, words, "run", RunOptions)[0]
     except SystemExit as exit_:
         if exit_.code not in (0, 2):
             raise RuntimeError(f"exit code {exit_.code}") from exit_

@@ -21,7 +21,7 @@ from nsaid_mj.clinic.commands import identify as identifying
 from nsaid_mj.lab.evaluation.summary import result_from
 from nsaid_mj.lab.folders import folder_for, title_of
 from nsaid_mj.lab.library import load
-from nsaid_mj.lab.options import MAIN, parse_scenario, repeated_flags
+from nsaid_mj.lab.options import MAIN, parse_flags, repeated_flags
 from nsaid_mj.lab.scenario import field_paths
 from nsaid_mj.report.exit_codes import code_of as verdict_code
 from nsaid_mj.robots.assets import known_robots, scenarios
@@ -221,7 +221,7 @@ def test_a_file_beside_a_known_name_is_asked_for_by_its_path(
 
 
 def options(name: str, *arguments: str) -> tuple[Scenario, RunOptions]:
-    return parse_scenario(name, load(name), arguments, "run", RunOptions)
+    return parse_flags(name, load(name), arguments, "run", RunOptions)
 
 
 @pytest.mark.parametrize(
@@ -302,7 +302,7 @@ def test_a_flag_may_be_any_unique_end_of_a_fields_name(flag: str) -> None:
 
 def test_law_sets_the_identifiers_law_and_not_a_rivals() -> None:
     scenario = Scenario(rivals={"other": NullspaceAID(law="cone")})
-    found, _ = parse_scenario("x", scenario, ["--law", "memory"], "run", RunOptions)
+    found, _ = parse_flags("x", scenario, ["--law", "memory"], "run", RunOptions)
     assert found.identifier == NullspaceAID(law="memory") and found.rivals == scenario.rivals
 
 
@@ -477,6 +477,5 @@ def check_alone(folder: Path, code: int, out: str, err: str) -> None:
 )
 def test_the_command_on_a_page_of_identify_repeats_it(words):
     chosen = grammar.parse(shlex.split(f"identify {words} --out there --quiet"))
-    assert isinstance(chosen, grammar.Identify)
     again = grammar.parse(shlex.split(identifying.repeated(chosen))[1:])
     assert again == replace(chosen, out=None, quiet=False)

@@ -21,7 +21,7 @@ from nsaid_mj.lab.evaluation.summary import result_from, summary_of
 from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import SimulatedRun, run
-from nsaid_mj.lab.options import parse_scenario
+from nsaid_mj.lab.options import parse_flags
 from nsaid_mj.lab.plants.jointed import ArmPlant, FloatingBasePlant
 from nsaid_mj.lab.plants.scalar_rov import ScalarRovPlant
 from nsaid_mj.lab.plants.vehicles import BlueROV2Plant, BMW320iPlant
@@ -294,10 +294,10 @@ def test_a_fault_survives_json_and_changes_the_hash():
 @pytest.mark.parametrize("flag", ["--plant.faults", "--faults"])
 def test_faults_are_a_flag(flag):
     words = [flag, "loss 0.4 of 3 at 12 s"]
-    scenario, _ = parse_scenario("bluerov2", load("bluerov2"), words, "run", RunOptions)
+    scenario, _ = parse_flags("bluerov2", load("bluerov2"), words, "run", RunOptions)
     assert scenario.plant.faults == (FAULT,)
     assert replace(scenario, plant=BlueROV2Plant()) == load("bluerov2")
-    assert parse_scenario("bluerov2", scenario, [], "run", RunOptions)[0] == scenario
+    assert parse_flags("bluerov2", scenario, [], "run", RunOptions)[0] == scenario
 
 
 def test_a_fault_from_the_command_line(tmp_path: Path, capsys):

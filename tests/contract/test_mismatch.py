@@ -18,7 +18,7 @@ from nsaid_mj.lab.evaluation.summary import result_from
 from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
-from nsaid_mj.lab.options import parse_scenario
+from nsaid_mj.lab.options import parse_flags
 from nsaid_mj.lab.plants.jointed import ArmPlant, FloatingBasePlant, FlyingArmPlant, UvmsPlant
 from nsaid_mj.lab.plants.scalar_rov import ScalarRovPlant
 from nsaid_mj.lab.plants.vehicles import (
@@ -384,7 +384,7 @@ def test_a_mismatch_survives_json_and_changes_the_hash():
     ],
 )
 def test_a_mismatch_is_a_flag(words, expected):
-    scenario, _ = parse_scenario("bluerov2", load("bluerov2"), words.split(), "run", RunOptions)
+    scenario, _ = parse_flags("bluerov2", load("bluerov2"), words.split(), "run", RunOptions)
     assert scenario.plant.mismatch == Mismatch(**expected)
     assert replace(scenario, plant=BlueROV2Plant()) == load("bluerov2")
 

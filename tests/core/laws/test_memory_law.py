@@ -33,7 +33,7 @@ from nsaid_mj.lab.evaluation.summary import summary_of
 from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
-from nsaid_mj.lab.options import parse_scenario
+from nsaid_mj.lab.options import parse_flags
 from nsaid_mj.lab.plants.world.noise import SensorNoise
 from nsaid_mj.lab.postprocessing import rebuild
 from nsaid_mj.lab.record import RECORD_FILE
@@ -532,7 +532,7 @@ def test_a_killed_run_is_rebuilt_from_its_record(finished, tmp_path):
 @pytest.mark.parametrize("law", ["paper", "cone", "memory"])
 def test_a_law_is_a_flag_and_survives_json(law):
     words = ["--law", law, "--horizon", "30"]
-    chosen, _ = parse_scenario("bluerov2", load("bluerov2"), words, "run", RunOptions)
+    chosen, _ = parse_flags("bluerov2", load("bluerov2"), words, "run", RunOptions)
     assert isinstance(chosen.identifier, NullspaceAID)
     assert chosen.identifier.law == law == chosen.identifier.name
     assert chosen.identifier.memory == MemoryConfig(horizon=30.0)
@@ -555,7 +555,7 @@ def test_every_number_of_the_memory_is_a_flag():
         "--horizon",
         "20",
     ]
-    chosen, _ = parse_scenario("bluerov2", load("bluerov2"), words, "run", RunOptions)
+    chosen, _ = parse_flags("bluerov2", load("bluerov2"), words, "run", RunOptions)
     assert isinstance(chosen.identifier, NullspaceAID)
     memory = MemoryConfig(window=0.2, block=0.05, interval=1.0, pace=3.0, anchor=0.5, horizon=20.0)
     assert chosen.identifier.memory == memory
