@@ -1,63 +1,54 @@
 """The words from which an argument is chosen, apart from the code that they stand for.
 
-A command refuses any other word before that code is imported; and numbers that are none.
+A command refuses any other word before that code is imported.
 """
-
-from collections.abc import Collection
 
 from .errors import InvalidInput, UnknownName
 
-LAWS = ("paper", "cone", "memory", "efficient")
-"""The laws of `core.NullspaceAID`."""
+_LAWS = ("paper", "cone", "memory", "efficient")
 
-IDENTIFICATION_LAWS = ("batch", "efficient", "memory", "cone", "paper")
-"""The laws of `identify`: the fit to all rows at once, and those that also follow a log."""
+CHOICES = {
+    "law of a run": _LAWS,
+    "law": ("batch", "efficient", "memory", "cone", "paper"),
+    "column": (
+        "rotor",
+        "viscous",
+        "coulomb",
+        "stribeck",
+        "load",
+        "quadratic",
+        "cubic",
+        "spring",
+        "offset",
+    ),
+    "column of a vehicle": ("damping", "offset"),
+    "frame": ("ENU/FLU", "NED/FRD"),
+    "criterion": ("bound", "condition", "d-optimal"),
+    "method": ("conventional", *_LAWS, "ols", "wls", "tls", "rls", "ekf", "sysid"),
+    "fitted model": ("identified", "sysid", "sysid-stock"),
+    "tracking law": ("nullspace", "conventional", "computed_torque", "composite"),
+    "engine": ("local", "dask"),
+}
+"""Words by what they choose.
 
-JOINT_COLUMNS = (
-    "rotor",
-    "viscous",
-    "coulomb",
-    "stribeck",
-    "load",
-    "quadratic",
-    "cubic",
-    "spring",
-    "offset",
-)
-"""Columns of a joint on a log; see `clinic.identify.choose.columns.COLUMNS`."""
-
-VEHICLE_COLUMNS = ("damping", "offset")
-"""Columns of a vehicle on a log, beyond those of its sheet."""
-
-FRAMES = ("ENU/FLU", "NED/FRD")
-"""Axes of a vehicle's pose and twist: z up, or down."""
-
-CRITERIA = ("bound", "condition", "d-optimal")
-"""Criteria that a design minimises: the predicted standard deviation of the requested numbers; or,
-for comparison, the condition number of the regressor on P_⊥, or minus the logarithm of the
-determinant of its Gramian."""
+A law of a run is one of `NullspaceAID`; a law without more words is one of `identify`: the fit to
+all rows at once, or one that also follows a log. Columns are those of a joint on a log, and those of a
+vehicle beyond its sheet's. Frames are the axes of a vehicle's pose and twist: z up, or down. The
+criterion of a design is the predicted standard deviation of the requested numbers; or, for
+comparison, the condition number of the regressor on P_⊥, or minus the logarithm of the determinant
+of its Gramian. Fitted models of a comparison are fitted to one half of the logs and predict the
+other: ours, and `mujoco.sysid` with its best and its stock options, starting from the values of the
+first file. Engines of a sweep are processes on this machine, or on a cluster.
+"""
 
 LIMITS_FORM = "For example: speed = 2.0; position = {low = -1.5, high = 1.5}; contacts = true."
 """How a file of limits looks."""
 
-METHODS = ("conventional", *LAWS, "ols", "wls", "tls", "rls", "ekf", "sysid")
-"""Methods of a comparison."""
 
-FITTED = ("identified", "sysid", "sysid-stock")
-"""Models of a comparison that are fitted to one half of the logs and predict the other: ours, and
-`mujoco.sysid` with its best and its stock options, starting from the values of the first file."""
-
-TRACKING_LAWS = ("nullspace", "conventional", "computed_torque", "composite")
-"""Laws of adaptive tracking."""
-
-ENGINES = ("local", "dask")
-"""Engines of a sweep: processes on this machine, or on a cluster."""
-
-
-def check_choice(kind: str, word: str, choices: Collection[str]) -> None:
-    """Raises `UnknownName`, which lists the choices, unless the word is among them."""
-    if word not in choices:
-        raise UnknownName(kind, word, choices)
+def check_choice(kind: str, word: str) -> None:
+    """Raises `UnknownName`, which lists the choices, unless the word is among those of a kind."""
+    if word not in CHOICES[kind]:
+        raise UnknownName(kind, word, CHOICES[kind])
 
 
 def numbers_in(flag: str, text: str, remedy: str) -> tuple[float, ...]:

@@ -13,9 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from ..base import (
-    ENGINES,
-    METHODS,
-    TRACKING_LAWS,
+    CHOICES,
     InvalidInput,
     UnknownName,
     check_choice,
@@ -92,7 +90,7 @@ def compare_methods(given: Mapping[str, Any], chosen: ToCompareMethods, folder: 
     scales = numbers_in("--noise-scales", chosen.noise_scales or "1", _TEN)
     methods = tuple(chosen.methods.split(",")) if chosen.methods else None
     for name in methods or ():
-        check_choice("method", name, METHODS)
+        check_choice("method", name)
     seeds = _seeds(chosen.seeds)
     durations = (0.5 * scenario.duration, scenario.duration)
     if chosen.durations:
@@ -120,7 +118,7 @@ def sweep_scenario(given: Mapping[str, Any], chosen: ToSweep, folder: Path) -> i
     from ..lab import varied
 
     vary = varied(chosen.vary, given["scenario"])
-    check_choice("engine", chosen.engine, ENGINES)
+    check_choice("engine", chosen.engine)
     from .studies.engine import Engine
     from .studies.sweep import run_sweep, sweep_document, sweep_plan, sweep_result
 
@@ -167,9 +165,9 @@ def _print(page: Page, found: Runs) -> None:
 
 def compare_trackers(given: Mapping[str, Any], chosen: ToTrack, folder: Path) -> int:
     """Executes `nsaid track`: compares tracking laws on the plants of a scenario."""
-    laws = tuple(chosen.laws.split(",")) if chosen.laws else TRACKING_LAWS
+    laws = tuple(chosen.laws.split(",")) if chosen.laws else CHOICES["tracking law"]
     for law in laws:
-        check_choice("tracking law", law, TRACKING_LAWS)
+        check_choice("tracking law", law)
     seeds = _seeds(chosen.seeds)
     from .track.run import run_tracking
     from .track.tracking import TRACKING_FILES, tracking_plan

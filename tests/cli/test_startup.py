@@ -8,7 +8,7 @@ from typing import get_args, get_type_hints
 import example_robot_data
 import pytest
 
-from nsaid_mj.base import choices
+from nsaid_mj.base.choices import CHOICES
 from nsaid_mj.clinic.identify.choose.columns import COLUMNS, EXTRA
 from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.lab.baselines import BATCH
@@ -179,8 +179,9 @@ def test_a_simulated_run_enters_nothing_of_logs_of_real_robots_or_of_other_plans
 
 
 def test_words_to_choose_from_are_those_that_the_code_knows() -> None:
-    assert get_args(get_type_hints(NullspaceAID)["law"]) == choices.LAWS
-    assert ("conventional", *choices.LAWS, *BATCH, "sysid") == choices.METHODS
-    assert get_args(Law) == choices.TRACKING_LAWS
-    assert set(choices.JOINT_COLUMNS) == set(COLUMNS)
-    assert set(choices.VEHICLE_COLUMNS) == set(EXTRA)
+    assert get_args(get_type_hints(NullspaceAID)["law"]) == CHOICES["law of a run"]
+    methods = ("conventional", *CHOICES["law of a run"], *BATCH, "sysid")
+    assert methods == CHOICES["method"]
+    assert get_args(Law) == CHOICES["tracking law"]
+    assert set(CHOICES["column"]) == set(COLUMNS)
+    assert set(CHOICES["column of a vehicle"]) == set(EXTRA)

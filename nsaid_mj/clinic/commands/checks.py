@@ -9,17 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...base import (
-    FRAMES,
-    IDENTIFICATION_LAWS,
-    JOINT_COLUMNS,
-    LAWS,
-    VEHICLE_COLUMNS,
-    InvalidInput,
-    check_choice,
-    numbers_in,
-    path_of,
-)
+from ...base import CHOICES, InvalidInput, check_choice, numbers_in, path_of
 from ...robots import asset, check_model
 
 if TYPE_CHECKING:
@@ -62,15 +52,15 @@ def check_map(path: Path | None) -> None:
 
 def check_identify(chosen: ToIdentify, model: str) -> None:
     """Checks what `nsaid identify` was given."""
-    check_choice("law", chosen.law, IDENTIFICATION_LAWS)
+    check_choice("law", chosen.law)
     if chosen.delay != "auto":
         numbers_in("--delay", chosen.delay, "Such as 0.01.")
     for text in chosen.known:
         known_number(text)
     if chosen.columns != "auto":
         for name in names_in(chosen.columns):
-            if name not in VEHICLE_COLUMNS:
-                check_choice("column", name, JOINT_COLUMNS)
+            if name not in CHOICES["column of a vehicle"]:
+                check_choice("column", name)
     check_model(model)
     if chosen.load:
         from ..identify.loads import load_of
@@ -96,9 +86,9 @@ def check_inspect(chosen: ToInspect) -> None:
 
 def check_live(chosen: ToFollow) -> None:
     """Checks what `nsaid live` was given."""
-    if chosen.law not in LAWS:
+    if chosen.law not in CHOICES["law of a run"]:
         from ...core import NullspaceAID
 
         NullspaceAID(law=chosen.law)  # type: ignore[arg-type]  # raises
-    check_choice("frame", chosen.frame, FRAMES)
+    check_choice("frame", chosen.frame)
     check_model(chosen.model)

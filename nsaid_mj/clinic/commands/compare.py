@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from ...base import FITTED, InvalidInput, print_json
+from ...base import CHOICES, InvalidInput, print_json
 from ...robots import check_model
 from .checks import check_logs, check_map
 
@@ -19,7 +19,7 @@ _SUCH = "Such as `nsaid compare --log log.csv --models a.xml b.xml identified`."
 
 def compare_on_logs(chosen: ToCompare) -> int:
     """Executes `nsaid compare` of model files on logs; returns the exit code."""
-    files = [model for model in chosen.models if model not in FITTED]
+    files = [model for model in chosen.models if model not in CHOICES["fitted model"]]
     if not files or not chosen.log:
         expected = "a model file and a log, or more of them"
         raise InvalidInput("--models", expected, " ".join(chosen.models) or "none", _SUCH)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...base import FITTED, InvalidInput
+from ...base import CHOICES, InvalidInput
 from ...core import (
     Array,
     CompiledMultibody,
@@ -42,7 +42,7 @@ from .result import Options
 HORIZONS = (0.2, 2.0, np.inf)
 """Times after which a simulation restarts from the measured state [s]."""
 
-IDENTIFIED, SYSID, STOCK = FITTED
+IDENTIFIED, SYSID, STOCK = CHOICES["fitted model"]
 
 _DEFAULT = Options()
 _NOISY = SensorLevels(position=1e-4, velocity=1e-3)  # the toolbox's chunks start at smoothed states
@@ -69,7 +69,7 @@ def compare_servos(
     """Scores of models on logs of a servo arm, the last that of its delayed target.
 
     `given` are the arm and its logs, without loads; `models` are MJCF files with a position servo
-    on every joint, and names of `FITTED`; `report` is called with the name of every stage.
+    on every joint, and names of `CHOICES`; `report` is called with the name of every stage.
 
     Raises:
         BadRobot: a file lacks a joint or its servo.
@@ -80,7 +80,7 @@ def compare_servos(
         toolbox()
 
     def parts(model: str) -> list[_Part]:
-        if model in FITTED:
+        if model in CHOICES["fitted model"]:
             return _fitted_servos(given, model, report)
         mj = compile_file(Path(model))[1]
         joints = given.robot.joints

@@ -78,7 +78,7 @@ def with_law(
 ) -> Identification:
     """An identification to which a law's run along the log, and findings about it, are added.
 
-    `found` is that of the batch fit, `law` one of `IDENTIFICATION_LAWS` but `batch`, `folder` that
+    `found` is that of the batch fit, `law` one of `CHOICES["law"]` but `batch`, `folder` that
     of the law's record; None keeps no files.
 
     Raises:

@@ -11,7 +11,7 @@ from typing import BinaryIO
 import numpy as np
 import orjson
 
-from ...base import FRAMES, InvalidInput, check_choice, json_of, shown
+from ...base import InvalidInput, check_choice, json_of, shown
 from ...core import Array, Log, Measurement, SecondOrderSystem, Status
 from ...lab import LONGEST_STEP, Source, SourceSegment
 
@@ -52,7 +52,7 @@ class Cleaner:
     """
 
     def __init__(self, system: SecondOrderSystem, rate: float, frame: str = "ENU/FLU"):
-        check_choice("frame", frame, FRAMES)
+        check_choice("frame", frame)
         if frame != "ENU/FLU" and not system.group:
             remedy = "A robot on a fixed base has no axes of its own: leave it out."
             raise InvalidInput("frame", "ENU/FLU", frame, remedy)

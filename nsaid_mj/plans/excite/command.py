@@ -6,15 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from ...base import (
-    CRITERIA,
-    LIMITS_FORM,
-    InvalidInput,
-    check_choice,
-    print_json,
-    reading,
-    toml_of,
-)
+from ...base import LIMITS_FORM, InvalidInput, check_choice, print_json, reading, toml_of
 from ...lab import folder_for_results
 from ...report import code_of
 from ...robots import check_model
@@ -162,7 +154,7 @@ def two_noises(text: str) -> tuple[float, float]:
 
 def check_excite(chosen: ToDesign) -> None:
     """Checks what `nsaid excite` was given, but the scenario's name."""
-    check_choice("criterion", chosen.criterion, CRITERIA)
+    check_choice("criterion", chosen.criterion)
     if chosen.noise is not None:
         two_noises(chosen.noise)
     if chosen.limits is not None:

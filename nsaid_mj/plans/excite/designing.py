@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...base import CRITERIA, NoEstimate, check_choice
+from ...base import NoEstimate, check_choice
 from ...core import Array, Log
 from ...lab import DriverConfig, FourierTracking
 from .errors import NoMotion
@@ -117,7 +117,7 @@ def design(
     Args:
         experiment: the prior knowledge.
         wanted: the requested numbers; see `asked_for`.
-        criterion: one of `CRITERIA`.
+        criterion: one of `CHOICES`.
         limits: maps the default limits to those that apply.
         seed: seed of the search.
         effort: multiplies the number of candidates.
@@ -128,7 +128,7 @@ def design(
             design.
         NoMotion: no motion within the limits was found.
     """
-    check_choice("criterion", criterion, CRITERIA)
+    check_choice("criterion", criterion)
     asked = asked_for(wanted, experiment.system.space)
     base = experiment.scenario.excitation
     report("simulating random motions", None)

@@ -13,9 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base import LAWS as OURS
 from ...base import (
-    METHODS,
+    CHOICES,
     InvalidInput,
     NoEstimate,
     NsaidError,
@@ -68,7 +67,7 @@ def comparison_plan(
     Args:
         script: name of the packaged scenario, or path of its script.
         scenario: what is driven; the methods replace its identifier.
-        methods: names; see `METHODS`.
+        methods: names; see `CHOICES`.
         seeds: seeds of truth, prior, excitation and sensors.
         durations: lengths of log for the methods [s].
         noises: multiples of the scenario's noise; 0 for exact sensors.
@@ -81,7 +80,7 @@ def comparison_plan(
         InvalidInput: a list is empty or has duplicates, or a value is out of range.
     """
     for name in methods:
-        check_choice("method", name, METHODS)
+        check_choice("method", name)
     lists = {"methods": methods, "seeds": seeds, "durations": durations, "noises": noises}
     for name, values in lists.items():
         if not values or len(set(values)) < len(values):
@@ -228,7 +227,9 @@ def _scenario(study: Study, seed: int, noise: float) -> Scenario:
     identifier = base.identifier
     assert isinstance(identifier, NullspaceAID)  # checked by `plan`
     rivals: dict[str, IdentifierConfig] = {
-        law: replace(identifier, law=law) for law in OURS if law in study.vary["method"]
+        law: replace(identifier, law=law)
+        for law in CHOICES["law of a run"]
+        if law in study.vary["method"]
     }
     if "conventional" in study.vary["method"]:
         known = base.rivals.get("conventional")

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base import LAWS as OURS
-from ...base import METHODS, Finding
+from ...base import CHOICES, Finding
 from ...report import (
     BAD,
     COLOURS,
@@ -43,7 +42,7 @@ BOUND = "bound"
 
 _REFERENCES = (PRIOR, BOUND)
 
-DEFAULT = METHODS[:-1]  # all but sysid, which takes minutes
+DEFAULT = CHOICES["method"][:-1]  # all but sysid, which takes minutes
 
 FIGURES = (
     ("distance to the true set", "theta_perp_ratio"),
@@ -100,7 +99,7 @@ VARIED = ("noise", "duration", "method")
 
 def runs_of(folder: Path, manifest: dict[str, Any], rows: list[Row]) -> Runs:
     """The runs of a comparison, grouped as they are shown: by noise, duration and method."""
-    order = (PRIOR, BOUND, *METHODS)
+    order = (PRIOR, BOUND, *CHOICES["method"])
     vary = {name: sorted({row[name] for row in rows}) for name in VARIED[:2]}
     vary["method"] = [name for name in order if any(row["method"] == name for row in rows)]
     return Runs(folder, manifest | {"vary": vary}, rows)
@@ -395,7 +394,7 @@ def _curves(
         least = np.array([group.best(key) for group in own])
         most = np.array([group.worst(key) for group in own])
         reach = np.vstack([middle - least, np.where(np.isfinite(most), most, middle) - middle])
-        ours = method in OURS
+        ours = method in CHOICES["law of a run"]
         axis.errorbar(
             list(map(abscissa, own)),
             middle,

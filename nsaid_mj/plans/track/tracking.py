@@ -10,14 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base import (
-    TRACKING_LAWS,
-    Finding,
-    InvalidInput,
-    check_choice,
-    without_nonfinite,
-    write_json,
-)
+from ...base import CHOICES, Finding, InvalidInput, check_choice, without_nonfinite, write_json
 from ...core import Array, ConeMetric, Log, Status, rounded
 from ...lab import (
     AdaptiveTracking,
@@ -53,7 +46,7 @@ _LAST = 1 / 3  # of the duration, over which rms errors are taken
 def tracking_plan(
     script: str,
     scenario: Scenario,
-    laws: tuple[str, ...] = TRACKING_LAWS,
+    laws: tuple[str, ...] = CHOICES["tracking law"],
     seeds: tuple[int, ...] = tuple(range(10)),
     arguments: tuple[str, ...] = (),
 ) -> Study:
@@ -71,7 +64,7 @@ def tracking_plan(
         InvalidInput: the scenario's excitation does not track, or there are no seeds.
     """
     for law in laws:
-        check_choice("tracking law", law, TRACKING_LAWS)
+        check_choice("tracking law", law)
     if not laws or not seeds:
         raise InvalidInput("--laws, --seeds", "at least one of each", "none", "Leave them out.")
     if not isinstance(scenario.excitation, AdaptiveTracking):

@@ -30,7 +30,8 @@ assert {name for name, kernel in KERNELS.items() if not kernel.py_func.__closure
 
 SOLVED = """
 import numpy as np
-from nsaid_mj.core.numerics import linalg, shipped, stopwatch
+from nsaid_mj.base import stopwatch
+from nsaid_mj.core.numerics import linalg, shipped
 from nsaid_mj.core.numerics.cache import FOLDER
 M, L = np.array([[2.0, 0.0], [0.5, 3.0]]), np.zeros((2, 2))
 pivot = linalg.cholesky(M, L)
