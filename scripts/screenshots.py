@@ -34,10 +34,10 @@ from nsaid_mj.cli import commands as cli
 from nsaid_mj.core.log import Log
 from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.loop import SimulatedRun, run
+from nsaid_mj.lab.recording.forces import Arrows, body_forces
+from nsaid_mj.lab.recording.viewer import LOCAL, free_port, listening, program
 from nsaid_mj.report.recording import FILE
-from nsaid_mj.report.recording.forces import Arrows, body_forces
 from nsaid_mj.report.recording.scene import EYE, base_poses
-from nsaid_mj.report.recording.viewer import LOCAL, free_port, listening, program
 from nsaid_mj.robots.assets import scenarios
 
 SCENARIOS = (

@@ -32,9 +32,9 @@ CHOICES = {
 """Words by what they choose.
 
 A law of a run is one of `NullspaceAID`; a law without more words is one of `identify`: the fit to
-all rows at once, or one that also follows a log. Columns are those of a joint on a log, and those of a
-vehicle beyond its sheet's. Frames are the axes of a vehicle's pose and twist: z up, or down. The
-criterion of a design is the predicted standard deviation of the requested numbers; or, for
+all rows at once, or one that also follows a log. Columns are those of a joint on a log, and those
+of a vehicle beyond its sheet's. Frames are the axes of a vehicle's pose and twist: z up, or down.
+The criterion of a design is the predicted standard deviation of the requested numbers; or, for
 comparison, the condition number of the regressor on P_⊥, or minus the logarithm of the determinant
 of its Gramian. Fitted models of a comparison are fitted to one half of the logs and predict the
 other: ours, and `mujoco.sysid` with its best and its stock options, starting from the values of the

@@ -295,7 +295,7 @@ def _view(folder: Path, web: bool, rebuild: bool) -> int:
 
         post_process(folder)
     require("rerun", "view", "A recording")
-    from ..report import viewer_command
+    from ..lab import viewer_command
 
     words = viewer_command(file, web)
     if os.name == "posix":

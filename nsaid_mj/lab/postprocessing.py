@@ -90,7 +90,7 @@ def _finish(
     checks = verify(run, truth, result) if len(run.record) >= ROWS else None
     result = with_curves(result, run, truth)
     if installed("rerun"):
-        from .evaluation.recording import write_run_recording
+        from .recording.run import write_run_recording
 
         write_run_recording(run, result, truth, checks)
     write_html(report.page(run, result, checks, command), run.folder)

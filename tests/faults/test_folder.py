@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from nsaid_mj import NsaidError
-from nsaid_mj.lab import live_recording as live
 from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.evaluation.summary import summary_of
-from nsaid_mj.lab.live_recording import LiveRecording
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.record import RECORD_FILE, Record
+from nsaid_mj.lab.recording import live
+from nsaid_mj.lab.recording.live import LiveRecording
 from tests.support.faulty import FILES, ROV, script, strict
 
 SHORT = replace(ROV, duration=0.5, held_out=0.2, pe_window=0.2)

@@ -29,14 +29,13 @@ from numpy.typing import ArrayLike
 
 from ...base import Finding, write_text
 from ...core import Array
-from ...lab import JointMap, quiet, toolbox
+from ...lab import JointMap, followed_targets, quiet, toolbox
 from ...robots import (
     TARGET_DELAY,
     TARGET_PROFILE,
     actuators_of,
     actuators_of_file,
     compile_file,
-    followed,
     joint_names,
     joints_of_file,
     numbers,
@@ -165,7 +164,7 @@ def rollout(
     profile = target_profiles(mj)[servos]
     target = log.target
     if profile.any():
-        target = followed(log.t, log.issued, profile)
+        target = followed_targets(log.t, log.issued, profile)
     for i, late in zip(servos, delay, strict=True):
         spec.actuators[i].dyntype = mujoco.mjtDyn.mjDYN_NONE  # a filter is part of the profile
         spec.actuators[i].gainprm[0] *= log.stiffer

@@ -9,7 +9,8 @@ import numpy as np
 
 from ...base import Finding, InvalidInput, single_threaded
 from ...core import Array
-from ...robots import RobotModel, followed, mjcf_of
+from ...lab import followed_targets
+from ...robots import RobotModel, mjcf_of
 from ..identify.choose.servo_effects import hidden_profile
 from ..identify.links import carrier, check_loads
 from ..identify.loads import Load
@@ -174,7 +175,9 @@ def _with_profile(given: ServoLogs) -> tuple[ServoLogs, tuple[Finding, ...]]:
         return given, ()
     found, said = hidden_profile([log for log in given.logs if not log.loaded])
     every = servos.profile + found
-    logs = tuple(log._replace(target=followed(log.t, log.issued, every)) for log in given.logs)
+    logs = tuple(
+        log._replace(target=followed_targets(log.t, log.issued, every)) for log in given.logs
+    )
     robot = replace(given.robot, servos=servos._replace(profile=every))
     return given._replace(robot=robot, logs=logs) if said else given, said
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from ...base import Finding, InvalidInput, pin, refused
 from ...core import Array, positions
-from ...robots import RobotModel, Servos, followed
+from ...lab import followed_targets
+from ...robots import RobotModel, Servos
 from ..identify.loads import Load
 from ..logs import signals
 from ..logs.checks import beyond_limits
@@ -211,7 +212,7 @@ def _stretches(
         q += [source.column.zero for source in made.positions]
         u += [column.zero for column in targets]
         u = np.clip(u, *servos.range.T)
-        acting = followed(own, u, np.where(done, 0.0, servos.profile))
+        acting = followed_targets(own, u, np.where(done, 0.0, servos.profile))
         logs.append(ServoLog(recording.source, own, u, acting, q, np.empty(0), np.empty(0)))
     if len(logs) > 1:
         logs = [log._replace(source=f"{log.source} at {log.t[0]:.0f} s") for log in logs]

@@ -9,7 +9,7 @@ from nsaid_mj.clinic.identify.comparison import compare_servos
 from nsaid_mj.clinic.logs.mapping import map_of
 from nsaid_mj.clinic.servos.export import write_servo_mjcf
 from nsaid_mj.clinic.servos.identify import identify_servos, servo_logs
-from nsaid_mj.robots.target_profile import followed
+from nsaid_mj.lab.target_profile import followed_targets
 
 from .simulated import DELAY, JOINTS, KP, MODEL, SKEW, F, T, limited, log, smoothed, write
 
@@ -20,15 +20,15 @@ def test_a_profile_is_the_fastest_motion_within_its_limits():
     """A trapezoid of speed: .5 s to 1 rad/s at 2 rad/s², then the same to a stop, 2 rad away."""
     t = np.arange(0, 4, 0.01)
     target = np.where(t < 0.1, 0.0, 2.0)[:, None]
-    found = followed(t, target, np.array([[1.0, 2.0, 0.0]]))[:, 0]
+    found = followed_targets(t, target, np.array([[1.0, 2.0, 0.0]]))[:, 0]
     since = t + 0.005 - 0.1  # rows are means over the time to the next
     up, down = np.clip(since, 0, 0.5), np.clip(since - 2.0, 0, 0.5)
     exact = up**2 + np.clip(since - 0.5, 0, 1.5) + down - down**2
     np.testing.assert_allclose(found, exact, atol=3e-3)
-    smooth = followed(t, target, np.array([[0.0, 0.0, 0.2]]))[:, 0]
+    smooth = followed_targets(t, target, np.array([[0.0, 0.0, 0.2]]))[:, 0]
     exact = 2 - 2 * np.exp(-np.clip(since, 0, None) / 0.2)
     np.testing.assert_allclose(smooth, exact, atol=2e-3)
-    assert followed(t, target, np.zeros((1, 3))) is target
+    assert followed_targets(t, target, np.zeros((1, 3))) is target
 
 
 @pytest.fixture(scope="module", params=["speed", pytest.param("lag", marks=pytest.mark.slow)])

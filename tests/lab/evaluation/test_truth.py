@@ -27,12 +27,12 @@ from nsaid_mj.core.log import Log
 from nsaid_mj.core.nullspace.subspace import structural
 from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.evaluation.figures import averaged_rows, converged_at, residual_ratio
-from nsaid_mj.lab.evaluation.recording import write_run_recording
 from nsaid_mj.lab.evaluation.summary import summary_of
 from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.evaluation.verify import verify
 from nsaid_mj.lab.loop import Run, SimulatedRun, run
 from nsaid_mj.lab.record import RECORD_FILE as RECORD
+from nsaid_mj.lab.recording.run import write_run_recording
 from nsaid_mj.report.page import REPORT_FILE
 from tests.support.faulty import ROV
 from tests.support.recordings import entities_of

@@ -15,8 +15,8 @@ from nsaid_mj.clinic.identify.page import identification_page as page
 from nsaid_mj.clinic.identify.recording import record
 from nsaid_mj.clinic.identify.result import Identification, shifts
 from nsaid_mj.core.log import Log
+from nsaid_mj.lab.recording import viewer
 from nsaid_mj.report.page import plain
-from nsaid_mj.report.recording import viewer
 from nsaid_mj.report.recording.text import drawable
 from tests.support.identification import identification
 from tests.support.recordings import entities_of

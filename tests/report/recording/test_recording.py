@@ -32,22 +32,14 @@ from nsaid_mj.core.structure.joints import JointTree
 from nsaid_mj.core.structure.parts import Body, Column, Inertia, tied
 from nsaid_mj.core.structure.structure import Structure
 from nsaid_mj.core.structure.system import SecondOrderSystem
-from nsaid_mj.lab.evaluation.recording import write_run_recording
 from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.evaluation.truth import truth_of as metrics_truth_of
 from nsaid_mj.lab.loop import FAULTS, SimulatedRun, run
+from nsaid_mj.lab.recording import forces, inertia, torques, viewer
+from nsaid_mj.lab.recording.run import write_run_recording
 from nsaid_mj.report.labels import groups, velocity_names
 from nsaid_mj.report.panels import spread
-from nsaid_mj.report.recording import (
-    forces,
-    inertia,
-    layout,
-    lines,
-    plots,
-    scene,
-    torques,
-    viewer,
-)
+from nsaid_mj.report.recording import layout, lines, plots, scene
 from nsaid_mj.report.recording.stream import write_recording as write_content
 from nsaid_mj.report.recording.text import drawable
 from tests.support.faulty import WITH_RIVAL as ROV

@@ -9,7 +9,7 @@ from nsaid_mj.clinic.identify.recording import record_servos
 from nsaid_mj.clinic.servos.logs import ServoLog
 from nsaid_mj.clinic.servos.page import servo_page
 from nsaid_mj.clinic.servos.result import Replayed
-from nsaid_mj.report.recording import viewer
+from nsaid_mj.lab.recording import viewer
 from tests.support.recordings import entities_of
 from tests.support.servos import NAMES, identified_servos
 

@@ -13,10 +13,10 @@ import rerun as rr
 from nsaid_mj.base.errors import BadRun, InvalidInput
 from nsaid_mj.core.laws.base import Status
 from nsaid_mj.core.log import Measurement
-from nsaid_mj.lab import live_recording as live
-from nsaid_mj.lab.live_recording import LiveRecording
 from nsaid_mj.lab.loop import RobotDescription, run
-from nsaid_mj.report.recording import forces, scene, viewer
+from nsaid_mj.lab.recording import forces, live, viewer
+from nsaid_mj.lab.recording.live import LiveRecording
+from nsaid_mj.report.recording import scene
 from tests.support.faulty import WITH_RIVAL as ROV
 from tests.support.recordings import VEHICLE, column, drawn_rows, entities_of
 

@@ -14,7 +14,7 @@ from scipy.optimize import minimize_scalar
 
 from ....base import Finding
 from ....core import Array, Indices
-from ....robots import followed
+from ....lab import followed_targets
 from ...servos.fit import JointFit, OutputError, minimise, weights
 from ...servos.joint_fits import alone
 from ...servos.logs import TRAVEL, ServoLog
@@ -189,7 +189,7 @@ def hidden_profile(logs: Sequence[ServoLog]) -> tuple[Array, tuple[Finding, ...]
 def _errors(pieces: Sequence[ServoLog], joints: Indices, profile: Array, side: int) -> Array:
     """(k,) mean absolute errors of k joints in one half of the logs, fitted to the other."""
     every = np.tile(profile, (pieces[0].target.shape[1], 1))
-    moved = [log._replace(target=followed(log.t, log.issued, every)) for log in pieces]
+    moved = [log._replace(target=followed_targets(log.t, log.issued, every)) for log in pieces]
     found = np.empty(len(joints))
     for k, j in enumerate(joints):
         other, own = (

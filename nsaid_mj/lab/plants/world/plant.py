@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ....base import InvalidInput
 from ....core import Array, Indices, Log, Measurement, SecondOrderSystem, displaced
-from ....robots import Looks, VisualMesh, advance, at_rest
+from ....robots import Looks, VisualMesh
 from ...control.computed_torque import Tracking
 from ...control.driver import CompiledDriver, Driver
+from ...target_profile import advance, at_rest
 from .callbacks import installed
 from .coordinates import Reading
 from .faults.kinds import Fault

@@ -8,32 +8,33 @@ import time
 import numpy as np
 import rerun as rr
 
-from ..base import InvalidInput
-from ..core import Log, Measurement, SecondOrderSystem, State
-from ..report import (
-    ESTIMATED,
+from ...base import InvalidInput
+from ...core import Log, Measurement, SecondOrderSystem, State
+from ...report import (
     EXCITATION_LEVELS,
-    GRPC_PORT,
-    LOCAL,
-    WEB_PORT,
-    Arrows,
     Lines,
     Scene,
     application,
     drawing_words,
-    free_port,
     groups,
-    has_display,
-    listening,
     live_blueprint,
-    mounts_of,
     path,
-    program,
-    serving,
     velocity_names,
 )
-from .observer import Observer, RobotDescription
-from .scenario import Scenario
+from ..observer import Observer, RobotDescription
+from ..scenario import Scenario
+from .forces import Arrows, mounts_of
+from .torques import ESTIMATED
+from .viewer import (
+    GRPC_PORT,
+    LOCAL,
+    WEB_PORT,
+    free_port,
+    has_display,
+    listening,
+    program,
+    serving,
+)
 
 _PERIOD = 0.05  # between two updates, in simulated time and in wall time [s]
 _SHARE = 10  # poses are logged at intervals of at least ten times the time that logging takes

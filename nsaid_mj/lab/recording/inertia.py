@@ -9,7 +9,7 @@ import rerun as rr
 
 from ...base import pin
 from ...core import Array, JointTree, ParameterSpace, SecondOrderSystem
-from .scene import BODY, ROBOT, body_axes
+from ...report import BODY, ROBOT, body_axes
 
 LINKS = f"{ROBOT}/links_of_theta"
 ESTIMATED_INERTIA = "estimated"

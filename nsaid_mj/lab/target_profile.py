@@ -39,7 +39,7 @@ def advance(profile, target, h, state):
         state[j, 2] += share * (state[j, 0] - state[j, 2])
 
 
-def followed(t: Array, target: Array, profile: Array) -> Array:
+def followed_targets(t: Array, target: Array, profile: Array) -> Array:
     """(N, k) what servos follow of targets, as means over the time to the next row.
 
     target (N, k) is held from row to row, at times t (N,) [s]; profile (k, 3) has reached the

@@ -10,12 +10,6 @@ from ...base import RECORDING
 from ...core import Array, FaultEvent, Indices, Log, ParameterSpace, SecondOrderSystem
 from ...report import (
     BODY,
-    ESTIMATED_INERTIA,
-    FAILED,
-    REFERENCE,
-    Arcs,
-    Arrows,
-    Inertias,
     Plots,
     Scene,
     blueprint,
@@ -24,19 +18,21 @@ from ...report import (
     item_lines,
     lines_of,
     markdown,
-    mounts_of,
     spread,
 )
-from ...report import drawn as torques_drawn
 from ...report import write_recording as write_file
+from ..evaluation.curves import shared
+from ..evaluation.figures import common_factor
+from ..evaluation.page import brief, statements, unobservable
+from ..evaluation.run_result import RunResult
+from ..evaluation.truth import Truth
+from ..evaluation.verify import Verification
 from ..loop import Run
 from ..record import Record
-from .curves import shared
-from .figures import common_factor
-from .page import brief, statements, unobservable
-from .run_result import RunResult
-from .truth import Truth
-from .verify import Verification
+from .forces import FAILED, Arrows, mounts_of
+from .inertia import ESTIMATED_INERTIA, REFERENCE, Inertias
+from .torques import Arcs
+from .torques import drawn as torques_drawn
 
 _SHORT = "The run is too short for a verdict."
 

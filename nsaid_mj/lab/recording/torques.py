@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from ...base import pin
 from ...core import Array, Indices, JointTree, Log, SecondOrderSystem
+from ...report import ROBOT, rotated
 from .forces import FAILED
 from .inertia import frames
-from .scene import ROBOT, rotated
 
 COMMANDED = f"{ROBOT}/torque/commanded"
 ESTIMATED = f"{ROBOT}/torque/estimated"

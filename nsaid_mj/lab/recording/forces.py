@@ -7,8 +7,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from ...core import Array, Indices, Log, SecondOrderSystem, phrase
-from .scene import BODY, body_axes
-from .text import drawable
+from ...report import BODY, body_axes, drawable
 
 COMMANDED = f"{BODY}/force/commanded"
 ESTIMATED = f"{BODY}/force/estimated"
