@@ -1,7 +1,7 @@
 """What acts on a structure beyond its bodies' own motion, for a plant that integrates the bodies.
 
-A plant calls one of two functions with its own state: `act` if any force depends on the bodies'
-poses or there is inertia beyond the bodies', `act_on_joints` otherwise.
+A plant calls one of two functions with its own state: `act` if `Structure.acts_on_bodies`,
+`act_on_joints` otherwise.
 """
 
 from ..numerics.kernels import boolean, helper, vector, void
@@ -11,52 +11,13 @@ from .arrays import (
     CONSTANTS,
     INPUT,
     PARAMETER,
-    RIGID,
     SORT,
-    TEN,
-    Array,
-    StructureArrays,
 )
-from .columns import KINDS, joint
 from .columns.joint import force_alone
 from .compiled import STRUCTURE, WORKSPACE
 from .forces import ALL, ROLLING, write_forces
 from .forward_dynamics import write_equations
 from .kinematics import place
-from .structure import Structure
-
-_NEAR = {kind.name for kind in joint.KINDS if kind.name != "load"}
-
-
-def has_added_inertia(structure: Structure, theta: Array) -> bool:
-    """Whether θ (p,) has inertia beyond that of rigid bodies."""
-    tensors = (i for i in structure.inertias if i.tensor is not None)
-    return any(theta[i.start : i.start + i.tensor.shape[2]].any() for i in tensors)
-
-
-def acts_on_bodies(structure: Structure, theta: Array) -> bool:
-    """Whether `act` is needed at θ (p,), because something depends on the bodies' poses."""
-    acting = (column for column in structure.columns if theta[column.parameter])
-    return has_added_inertia(structure, theta) or any(c.kind not in _NEAR for c in acting)
-
-
-def acting_arrays(structure: Structure, theta: Array) -> StructureArrays:
-    """The structure's arrays, without rigid bodies if θ (p,) has none."""
-    arrays = structure.arrays
-    tens = [i.start for i in structure.inertias if i.tensor is None]
-    if any(theta[k : k + 10].any() for k in tens):
-        return arrays
-    bodies = arrays.bodies.copy()
-    bodies[:, TEN] = -1
-    bodies[:, RIGID] = 0
-    return arrays._replace(bodies=bodies)
-
-
-def gains_of_commands(structure: Structure) -> list[list[int]]:
-    """For every command, the indices of the parameters that scale it."""
-    acting = [c for c in structure.columns if KINDS[c.kind].actuator]
-    commands = range(structure.n_u)
-    return [sorted({c.parameter for c in acting if c.input == k}) for k in commands]
 
 
 @helper(void(STRUCTURE, vector, vector, vector, vector, vector))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ...base import InvalidInput, UnknownName
 from . import arrays as layout
 from .arrays import Array, Slopes, StructureArrays, Workspace
-from .columns import KINDS
+from .columns import KINDS, joint
 from .columns.kind import CURVE, LISTED, Kind
 from .forces import BODY_KINDS
 from .parts import KINDS_OF_JOINT, Body, Column, Inertia, Rotor
@@ -131,6 +131,37 @@ class Structure:
             constants,
             nonzeros,
         )
+
+    # -- packing -----------------------------------------------------------------------------------
+
+    # -- what acts at some θ -----------------------------------------------------------------------
+
+    def has_added_inertia(self, theta: Array) -> bool:
+        """Whether θ (p,) has inertia beyond that of rigid bodies."""
+        tensors = (i for i in self.inertias if i.tensor is not None)
+        return any(theta[i.start : i.start + i.tensor.shape[2]].any() for i in tensors)
+
+    def acts_on_bodies(self, theta: Array) -> bool:
+        """Whether any force at θ (p,) depends on the bodies' poses, or there is added inertia."""
+        near = {kind.name for kind in joint.KINDS if kind.name != "load"}
+        acting = (column for column in self.columns if theta[column.parameter])
+        return self.has_added_inertia(theta) or any(c.kind not in near for c in acting)
+
+    def acting_arrays(self, theta: Array) -> StructureArrays:
+        """`arrays`, without rigid bodies if θ (p,) has none."""
+        tens = [i.start for i in self.inertias if i.tensor is None]
+        if any(theta[k : k + 10].any() for k in tens):
+            return self.arrays
+        bodies = self.arrays.bodies.copy()
+        bodies[:, layout.TEN] = -1
+        bodies[:, layout.RIGID] = 0
+        return self.arrays._replace(bodies=bodies)
+
+    def gains_of_commands(self) -> list[list[int]]:
+        """For every command, the indices of the parameters that scale it."""
+        acting = [c for c in self.columns if KINDS[c.kind].actuator]
+        commands = range(self.n_u)
+        return [sorted({c.parameter for c in acting if c.input == k}) for k in commands]
 
     # -- packing -----------------------------------------------------------------------------------
 

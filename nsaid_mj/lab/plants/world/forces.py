@@ -29,10 +29,6 @@ from ....core import (
     Workspace,
     act,
     act_on_joints,
-    acting_arrays,
-    acts_on_bodies,
-    gains_of_commands,
-    has_added_inertia,
     helper,
     kernel,
     routine,
@@ -93,11 +89,11 @@ class ColumnForces:
             places[-1],
             lagged,
             self.structure.n_u,
-            has_added_inertia(self.structure, self.theta),
+            self.structure.has_added_inertia(self.theta),
             *self.flow,
             reading.group,
             reading.free[0],
-            acts_on_bodies(self.structure, self.theta),
+            self.structure.acts_on_bodies(self.theta),
         ]
         flat = [np.ascontiguousarray(part).ravel().view(np.float64) for part in parts]
         return np.concatenate([head, np.ravel(layout), *flat], dtype=np.float64)
@@ -109,7 +105,7 @@ class ColumnForces:
         own = [np.zeros(size) for size in (self.structure.m, n, n, 9, n, n, (n, n), (n, n))]
         theta = np.array(self.theta, dtype=np.float64)
         return [
-            *acting_arrays(self.structure, theta),
+            *self.structure.acting_arrays(theta),
             dofs,
             theta,
             *own,
@@ -128,7 +124,7 @@ class ColumnForces:
     def gain_places(self) -> list[list[int]]:
         """For every command, the indices in `numbers` of its actuator's parameters."""
         start = _HEADER + sum(part.size for part in self.structure.arrays) + 4 * self.structure.n
-        return [[start + k for k in own] for own in gains_of_commands(self.structure)]
+        return [[start + k for k in own] for own in self.structure.gains_of_commands()]
 
 
 class _ForceWorkspace(NamedTuple):
