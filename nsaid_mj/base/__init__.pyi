@@ -1,127 +1,187 @@
 """The door of `base`: what other houses may use."""
 
 # Base of all configurations.
-from .bounds import Config as Config
-# A field that is true or false; numbers and words are refused.
-from .bounds import Flag as Flag
 # Upper bound of physical quantities in SI units; its fourth power is far below overflow.
 from .bounds import LARGEST as LARGEST
+from .bounds import Config as Config
+
+# A field that is true or false; numbers and words are refused.
+from .bounds import Flag as Flag
+
 # Text that can be written as UTF-8.
 from .bounds import Name as Name
+
 # A finite number ≥ 0.
 from .bounds import NonNegative as NonNegative
+
 # A finite number.
 from .bounds import Number as Number
+
 # A finite number > 0.
 from .bounds import Positive as Positive
+
 # A number > 0 and ≤ 1.
 from .bounds import PositiveShare as PositiveShare
+
 # A seed of random numbers: a whole number ≥ 0.
 from .bounds import Seed as Seed
+
 # A share in [0, 1), such as a relative spread.
 from .bounds import Share as Share
+
 # Number of sines in a signal; a thousand of them already need a megabyte per second.
 from .bounds import Tones as Tones
+
 # Decorator: a frozen dataclass whose fields are checked against their annotations.
 from .bounds import config as config
+
 # All concrete subclasses by name, and the class itself if concrete.
 from .bounds import kinds_of as kinds_of
+
 # Converts pydantic's first error about a configuration to one that names the field.
 from .bounds import refusal as refusal
+
 # A value for display in a message, shortened if its text is long or cannot be formed.
 from .bounds import shown as shown
+
 # A copy of JSON-like data in which NaN and infinities are None, for strict JSON.
 from .bounds import without_nonfinite as without_nonfinite
+
 # Words by what they choose.
 from .choices import CHOICES as CHOICES
+
 # How a file of limits looks.
 from .choices import LIMITS_FORM as LIMITS_FORM
+
 # Raises `UnknownName`, which lists the choices, unless the word is among those of a kind.
 from .choices import check_choice as check_choice
+
 # The comma-separated numbers of a flag's text; raises `InvalidInput` if it has others.
 from .choices import numbers_in as numbers_in
+
 # A run folder or file that cannot be read.
 from .errors import BadRun as BadRun
+
 # Two engines compute different dynamics for the same robot.
 from .errors import EnginesDisagree as EnginesDisagree
+
 # A folder into which another process, or another thread of this one, is writing.
 from .errors import FolderInUse as FolderInUse
+
 # A value that cannot be used.
 from .errors import InvalidInput as InvalidInput
+
 # A method found no estimate on a log.
 from .errors import NoEstimate as NoEstimate
-# A file that cannot be written: the disk is full, or its folder is gone or read-only.
-from .errors import NotWritten as NotWritten
+
 # A search has found nothing that meets its conditions.
 from .errors import NothingFound as NothingFound
+
+# A file that cannot be written: the disk is full, or its folder is gone or read-only.
+from .errors import NotWritten as NotWritten
+
 # Root of all errors raised on purpose by nsaid_mj.
 from .errors import NsaidError as NsaidError
+
 # A name that does not exist, with similar names that do.
 from .errors import UnknownName as UnknownName
+
 # A text with U+FFFD for each control character, such as the escape that steers a terminal.
 from .errors import printable as printable
+
 # File of a run's record.
 from .files import RECORD as RECORD
+
 # File of a run's recording.
 from .files import RECORDING as RECORDING
+
 # Files of a sweep: what it is, one row for every run, and their table.
 from .files import SWEEP as SWEEP
+
 # Yields a temporary path to write to; on exit the file is synced and renamed to `path`.
 from .files import atomic_write as atomic_write
+
 # Checks that a command overwrites only files that it made itself.
 from .files import check_own as check_own
+
 # Raises `BadRun` unless a folder has a file of a sweep.
 from .files import check_sweep as check_sweep
+
 # Creates an empty file in place of any other, without following a symbolic link.
 from .files import create as create
+
 # The value of a JSON text; raises `ValueError` if it is not JSON, or nested too deeply.
 from .files import json_of as json_of
+
 # Creates a folder if missing, and keeps other processes and threads from writing into it.
 from .files import locked as locked
+
 # The error to raise for a folder without a sweep.
 from .files import no_sweep as no_sweep
+
 # A path with the home directory in place of a leading `~`, if there is such a user.
 from .files import path_of as path_of
+
 # Prints a value as strict JSON; numbers that are not finite become null.
 from .files import print_json as print_json
+
 # Context in which these files are never overwritten; paths that are no files are ignored.
 from .files import reading as reading
+
 # The record in a run's folder, or the record file itself; raises `BadRun` if there is none.
 from .files import record_file as record_file
+
 # The content of a TOML file that a flag names; raises `InvalidInput` if it is not readable.
 from .files import toml_of as toml_of
+
 # Writes a value as JSON, atomically.
 from .files import write_json as write_json
+
 # Writes text as UTF-8, atomically; halves of surrogate pairs, as in odd names, become `?`.
 from .files import write_text as write_text
+
 # Context in which an error of the operating system, while writing to a path, is `NotWritten`.
 from .files import writing as writing
+
 # A finding about the input, for the user.
 from .findings import Finding as Finding
+
 # `note`: the data were changed. `warning`: the result may suffer. `refusal`: no result from this
 # input could be trusted.
 from .findings import Level as Level
+
 # One note on all meshes (or another `kind` of file) that a model lacks, if there are any.
 from .findings import missing_files as missing_files
+
 # Whether one of the findings is a refusal.
 from .findings import refused as refused
+
 # The package coal, imported on first use; its absence is a `MissingPackage`.
 from .optional import coal as coal
+
 # Whether a package can be imported.
 from .optional import installed as installed
+
 # Pinocchio, imported on first use; its absence is a `MissingPackage`.
 from .optional import pin as pin
+
 # Imports a package that an extra installs; `purpose` says what needs it.
 from .optional import require as require
+
 # A clock [s] that stops while this thread compiles, to measure the cost of a run.
 from .stopwatch import clock as clock
+
 # Time this process has spent compiling kernels so far [s], without loading cached ones.
 from .stopwatch import compile_seconds as compile_seconds
+
 # Context that calls `call` whenever a function has been compiled, in any thread.
 from .stopwatch import on_compiling as on_compiling
+
 # Has numba compile a function; its time counts, unless it is loaded from the cache.
 from .stopwatch import timed as timed
+
 # Starts a pure call along a log of some steps; returns a function that waits for its result.
 from .threads import beside as beside
+
 # Decorator of functions during which BLAS and OpenMP use a single thread.
 from .threads import single_threaded as single_threaded

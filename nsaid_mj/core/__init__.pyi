@@ -2,309 +2,461 @@
 
 # Uncertainty of an estimate.
 from .laws.base import Confidence as Confidence
+
 # An identifier's outputs along a log, one row for each of N measurements.
 from .laws.base import Estimates as Estimates
+
 # An adaptive identifier of a system's θ: pure, bitwise reproducible functions of a state.
 from .laws.base import Identifier as Identifier
+
 # The complete state of an identifier.
 from .laws.base import State as State
+
 # How a run ended, in words, with the remedy.
 from .laws.base import Status as Status
+
 # (a,) relative standard deviations of k_i over the mean of all actuators; inf if unknown.
 from .laws.base import gain_deviations as gain_deviations
+
 # ∇²ψ(θ̂) = Γ⁻¹ + μ ∇²b(θ̂) in place of Γ⁻¹.
 from .laws.cone.law import ConeMetric as ConeMetric
+
 # (p, p) second moments of `drawn_inside` about θ (p,), of θ/scale: where the truth may be.
 from .laws.cone.prior import drawn_covariance as drawn_covariance
+
 # (p,) random parameters that differ from θ by about ±error, inside the cone for any error.
 from .laws.cone.prior import drawn_inside as drawn_inside
+
 # A function that computes the expected Gramian (p, p) under the prior.
 from .laws.config import ExpectedGramian as ExpectedGramian
+
 # The configuration of an identifier; `build` makes the identifier.
 from .laws.config import IdentifierConfig as IdentifierConfig
+
 # Nullspace adaptive identification with constant gains.
 from .laws.config import NullspaceAID as NullspaceAID
+
 # Adaptive identification with parameters assumed known.
 from .laws.conventional import ConventionalAID as ConventionalAID
+
 # Least size of a parameter, relative to its scale, to which relative changes refer.
 from .laws.efficient.covariance import SMALL as SMALL
+
 # An extended Kalman filter of (q, v, θ), for measurements dt [s] apart; see `kalman`.
 from .laws.efficient.estimator import KalmanFilter as KalmanFilter
+
 # Outputs of `follow_filter` along a log of N samples, from row 1 on.
 from .laws.efficient.filter import Along as Along
+
 # State of the filter at a sample. All arrays are overwritten by `follow_filter`.
 from .laws.efficient.filter import FilterState as FilterState
+
 # A Kalman filter of (q, v, θ), guarded by a memory.
 from .laws.efficient.law import EfficientIdentifier as EfficientIdentifier
+
 # Differences between the acting and the recorded signals of actuators and sensors.
 from .laws.efficient.signals import Signals as Signals
+
 # State of the efficient law: the filter, the memory that guards it, and their supervision.
 from .laws.efficient.state import EfficientState as EfficientState
+
 # What decides whether the law returns the filter's θ̂ or the memory's.
 from .laws.efficient.supervision import ChosenBy as ChosenBy
+
 # A fault that was detected and isolated.
 from .laws.faults import FaultEvent as FaultEvent
+
 # The paper's metric: θ̂̇ = Γ Wᵀ Δv with a constant Γ.
 from .laws.metric import ConstantMetric as ConstantMetric
+
 # The map from Wᵀ Δv to θ̂̇.
 from .laws.metric import Metric as Metric
+
 # (44) and (45), integrated by RK4 between measurements, the command held.
 from .laws.nullspace_aid import NullspaceIdentifier as NullspaceIdentifier
+
 # The filter of the law `efficient`.
 from .laws.settings import EfficientConfig as EfficientConfig
+
 # Storage and use of past data by the law `memory`.
 from .laws.settings import MemoryConfig as MemoryConfig
+
 # The levels of sensors without noise.
 from .log import EXACT as EXACT
+
 # Measurements and commands of N samples, in order of time, checked when the log is made.
 from .log import Log as Log
+
 # One sample in the system's own coordinates: the only input of an identifier.
 from .log import Measurement as Measurement
+
 # Assumed standard deviations of the sensors' noise, white from sample to sample.
 from .log import SensorLevels as SensorLevels
+
 # Consecutive logs and another one; short ones are joined, so that there are log₂ N at most.
 from .log import extended as extended
+
 # Levels of (2) and (75) during a run, from the identifier's own regressor.
 from .nullspace.persistence import PersistenceMonitor as PersistenceMonitor
+
 # ε₀ of one window.
 from .nullspace.persistence import level as level
-# A split of θ/scale space into P_s(θ) and its orthogonal complement (32–36).
-from .nullspace.subspace import Nullspace as Nullspace
+
 # Singular values below this share of the largest count as 0. For the robots of example-robot-data
 # the smallest nonzero one is 3e-7, and the largest that counts as 0 is 6e-11 (axes meant to be
 # parallel but rotated by a rounded π/2 in the URDF). `Nullspace.gap` gives both for any system.
 from .nullspace.subspace import TOLERANCE as TOLERANCE
+
+# A split of θ/scale space into P_s(θ) and its orthogonal complement (32–36).
+from .nullspace.subspace import Nullspace as Nullspace
+
 # Describes P_s(θ) by a sparse basis in words: common scales first, then trade-offs.
 from .nullspace.subspace import directions as directions
+
 # (N, p) rows of W(t, x, v, θ)·diag(scale) at random states, N about ten times p.
 from .nullspace.subspace import regressor_stack as regressor_stack
+
 # The nullspace of a stack of regressors, and its complement: the one rank decision.
 from .nullspace.subspace import split as split
+
 # P_s(θ) over all motions, from random states with the acceleration v̇ of (20) under θ.
 from .nullspace.subspace import structural as structural
+
 # Marks a small function that becomes part of the compiled functions that call it.
 from .numerics.kernels import helper as helper
+
 # Marks a function that Python calls, or several compiled ones; see `Kernel`.
 from .numerics.kernels import kernel as kernel
+
 # A kernel with a function's text, in which some global names have the meanings for a class.
 from .numerics.kernels import kernel_for as kernel_for
+
 # Marks a larger function, which need not become part of every function that calls it.
 from .numerics.kernels import routine as routine
+
 # Writes the numbers of an array (k,) into another: faster than a slice where k is small.
 from .numerics.linalg import copy_into as copy_into
+
 # Overwrites b in x (n,) with M⁻¹ b, reading M's lower triangle; returns the smallest pivot.
 from .numerics.linalg import solve_positive as solve_positive
+
 # (K, ...) every so many values of x (N, ...) after a symmetric filter.
 from .numerics.low_pass import decimated as decimated
+
 # (2h + 1,) weights of an FIR filter with half amplitude at the cut-off [Hz].
 from .numerics.low_pass import symmetric as symmetric
+
 # A Butterworth filter of x (N, ...) along the first axis, forward and backward.
 from .numerics.low_pass import zero_phase as zero_phase
+
 # (N,) signs, 1 or −1, with which quaternions (N, 4) are continuous in time.
 from .numerics.spatial import continuous_signs as continuous_signs
+
 # a × b of two (3,) vectors.
 from .numerics.spatial import cross as cross
+
 # (4,) the quaternion product one ⊗ other, normalised.
 from .numerics.spatial import product as product
+
 # (4,) unit quaternion (x, y, z, w) of a rotation vector (3,) [rad].
 from .numerics.spatial import quaternion_of as quaternion_of
+
 # (3,) a vector in world axes, from its components in body axes (3,).
 from .numerics.spatial import rotate as rotate
+
 # (3, 3) matrix, body to world, of a unit quaternion (x, y, z, w).
 from .numerics.spatial import rotation as rotation
+
 # (3,) rotation vector [rad], at most π long, of a unit quaternion (x, y, z, w).
 from .numerics.spatial import rotation_vector as rotation_vector
+
 # (3,) a vector in body axes, from its components in world axes (3,).
 from .numerics.spatial import unrotate as unrotate
+
 # What stands for a number that there is not.
 from .parameters import ABSENT as ABSENT
+
 # An array of float64; shapes and units are in the docstrings.
 from .parameters import Array as Array
+
 # Consecutive parameters of one kind.
 from .parameters import Block as Block
+
 # The set that a block of parameters lies in: free, positive, an inertia, a mass matrix.
 from .parameters import Geometry as Geometry
+
 # An array of whole numbers, as of indices.
 from .parameters import Indices as Indices
+
 # The space of θ (p,): blocks in order.
 from .parameters import ParameterSpace as ParameterSpace
+
 # A number with so many digits, or rounded to a quantum: 0.031, −12.5, 3.2·10⁻⁵.
 from .parameters import number as number
+
 # Joins labels, grouped by the part they belong to.
 from .parameters import phrase as phrase
+
 # A number in few digits, a power of ten only below 1e-4 and from 1e5: 0.00021, 1.8·10⁻⁶.
 from .parameters import rounded as rounded
+
 # b(θ) at θ (p,); infinite outside the cone.
 from .quotient.barrier import barrier as barrier
+
 # ∇b (p,) and the block-diagonal ∇²b (p, p) at θ (p,); NaN outside the cone.
 from .quotient.barrier import gradient_and_hessian as gradient_and_hessian
+
 # Length (dᵀ ∇²b(θ) d)^½ of a step d (p,) at θ (p,); a step shorter than 1 stays inside.
 from .quotient.barrier import local_norm as local_norm
+
 # The blocks of θ that are cones, for compiled code, with their matrices P(θ) sparse.
 from .quotient.cone import Cone as Cone
+
 # The cones of a parameter space.
 from .quotient.cone import cone_of as cone_of
+
 # Whether θ (p,) is inside the cone: every number > 0, every matrix positive definite.
 from .quotient.cone import inside as inside
+
 # J(θ) = ½ Σ_i N_i log λ_i(θ) + the prior, the negative logarithm of a density.
 from .quotient.cost import Posterior as Posterior
+
 # R of some Gramians.
 from .quotient.cost import Quotient as Quotient
+
 # (n, p) diagonals of Σ_i for Gramians (n, p, p); None if no actuator has an effect.
 from .quotient.cost import efforts as efforts
+
 # Limits of steps, and stopping criteria.
 from .quotient.descent import Rules as Rules
+
 # Minimises an objective from a start θ (p,) inside the cone.
 from .quotient.descent import minimise as minimise
+
 # Gramians that add over parts of a log.
 from .quotient.gramians import Sums as Sums
+
 # (p, p) inverse of H ⪰ 0 (p, p) among the parameters `free`, and 0 for all others.
 from .quotient.matrices import inverse_on as inverse_on
+
 # Writes the generalised forces F θ − C v (n,), and the lower triangle of M into work.M.
 from .structure.acting import act as act
+
 # Adds the forces of columns on joints to force (n,).
 from .structure.acting import act_on_joints as act_on_joints
+
 # One robot's equations.
 from .structure.arrays import StructureArrays as StructureArrays
+
 # Workspace of a stage. Kernels allocate nothing.
 from .structure.arrays import Workspace as Workspace
+
 # Workspaces of a stage and for derivatives, for a structure with n velocities.
 from .structure.arrays import memory_of as memory_of
+
 # Names of the six axes of a body, as in names of parameters.
 from .structure.blocks import AXES as AXES
+
 # Acceleration of gravity [m/s²], known: weight is a column of the mass.
 from .structure.blocks import GRAVITY as GRAVITY
+
 # A block of θ, and the columns of F that it scales.
 from .structure.blocks import Term as Term
+
 # A block of like actuators, the first of which reads the first command, and so on.
 from .structure.blocks import actuators as actuators
+
 # The nearest powers of two of |value|: a guess by order of magnitude.
 from .structure.blocks import guessed as guessed
+
 # The ten inertial parameters of the body of a vehicle, in the order of `of_a_body`.
 from .structure.blocks import inertial_block as inertial_block
+
 # The ten inertial parameters of link `name`, body `number` (0 is a floating base).
 from .structure.blocks import link_block as link_block
+
 # The entries of a symmetric M (n, n), upper triangle row by row.
 from .structure.blocks import mass_block as mass_block
+
 # Labels of like parameters: {"thrust_1": "thrust of rotor 1", …} from "thrust of rotor".
 from .structure.blocks import named as named
+
 # (6, 6, p) mass tensor of the ten inertial parameters of a body, which start at `start`.
 from .structure.blocks import of_a_body as of_a_body
+
 # A block of columns; the columns' kinds determine its parameters.
 from .structure.blocks import term as term
+
 # Names of the kinds of force that a flow exerts on a moving body.
 from .structure.columns import DRAG_AND_LIFT as DRAG_AND_LIFT
+
 # All kinds of columns, by name.
 from .structure.columns import KINDS as KINDS
+
 # A curve through `values` at increasing commands; constant beyond the ends.
 from .structure.columns.curve import interpolated as interpolated
+
 # A curve by its coefficients of u, u³, u⁵ and so on.
 from .structure.columns.curve import odd as odd
+
 # A curve by its coefficients of u, u|u|, u³, u³|u| and so on.
 from .structure.columns.curve import polynomial as polynomial
+
 # A kind of column of F.
 from .structure.columns.kind import Kind as Kind
+
 # The type of every robot.
 from .structure.compiled import STRUCTURE as STRUCTURE
+
 # The type of `Workspace` in signatures of compiled functions.
 from .structure.compiled import WORKSPACE as WORKSPACE
+
 # The numbers as kernels read them: float64, C-contiguous, writable; a copy only if needed.
 from .structure.configuration_space import plain as plain
+
 # Writes −M⁻¹ W diag(scale) (N, n, p) along a motion; returns whether M ≻ 0.
 from .structure.information import acceleration_rows as acceleration_rows
+
 # Adds a motion's information about θ_⊥ to J (d, d); returns whether M and S stayed ≻ 0.
 from .structure.information import information_along as information_along
+
 # Writes the joint torques (N, n) of a motion q (N, m), v (N, n), a (N, n) under θ (p,).
 from .structure.information import torques_along as torques_along
+
 # The type of `InverseDynamics` in signatures of compiled functions.
 from .structure.inverse_dynamics import INVERSE_DYNAMICS as INVERSE_DYNAMICS
+
 # An arm's structure and the workspace of `write_required_force`, which calls overwrite.
 from .structure.inverse_dynamics import InverseDynamics as InverseDynamics
+
 # Angle or travel from joint i's position in q (m,) to a desired one, along the shorter arc.
 from .structure.inverse_dynamics import position_error as position_error
+
 # Writes M a + C v − F(u = 0) (n,) at θ (p,), position q (m,), v and acceleration a (n,).
 from .structure.inverse_dynamics import write_required_force as write_required_force
+
 # The vehicle's part of a robot whose joints it carries.
 from .structure.joints import Carrier as Carrier
+
 # Data-sheet guesses for the b bodies and k joints of a robot.
 from .structure.joints import JointScales as JointScales
+
 # M(q, θ) v̇ + C(x, θ) v = −g(q, θ) − f(v, θ) + diag(k) u (5): motors on a tree's 1-DOF joints.
 from .structure.joints import JointTree as JointTree
+
 # The bodies of a Pinocchio model of 1-DOF joints, whose root may be a free flyer.
 from .structure.joints import bodies_of as bodies_of
+
 # Names of the links that the joints move, the base's first where the root is a free flyer.
 from .structure.joints import body_names as body_names
+
 # (k, bones, 2, 3) line segments that sketch a robot at positions (k, m) [m].
 from .structure.joints import bones as bones
+
 # Whether the root of a Pinocchio model is a free flyer.
 from .structure.joints import floats as floats
+
 # Names of the 1-DOF joints.
 from .structure.joints import joint_names as joint_names
+
 # The inertial parameters of every body; a floating base is number 0.
 from .structure.joints import link_blocks as link_blocks
+
 # The 1-DOF joints, in order.
 from .structure.joints import moving_joints as moving_joints
+
 # (N, m) Pinocchio's q of coordinates (N, n): continuous joints are (cos, sin).
 from .structure.joints import positions as positions
+
 # Whether a joint is prismatic.
 from .structure.joints import slides as slides
+
 # Writes the rotation matrix (9), body to world, of the unit quaternion (x, y, z, w) q[at].
 from .structure.kinematics import write_rotation as write_rotation
+
 # All parts of the RK4 stages along a log of N samples that do not depend on the estimate.
 from .structure.motion import Motion as Motion
+
 # A `JointTree` whose regressors are the structure's: Pinocchio's numbers, much faster.
 from .structure.multibody import CompiledMultibody as CompiledMultibody
+
 # A `JointTree` whose links have Pinocchio's regressors, without a vehicle: the reference.
 from .structure.multibody import Multibody as Multibody
+
 # Compares the regressors of a structure with Pinocchio's at random states.
 from .structure.multibody import check_consistency as check_consistency
+
 # What drives a joint: a torque in proportion to the command, or to a distance from it.
 from .structure.parts import Actuator as Actuator
+
 # One term of F θ: a force of known direction and unknown size.
 from .structure.parts import Column as Column
+
 # A part of a body's 6×6 inertia about its origin, in its axes, linear in θ.
 from .structure.parts import Inertia as Inertia
+
 # A vehicle's ranges of operation, from which random probes of its structure are drawn.
 from .structure.parts import Operation as Operation
+
 # Inertia that turns or slides with a joint alone: a motor's rotor.
 from .structure.parts import Rotor as Rotor
+
 # (6, 6, 1) added inertia of a slender cylinder: 1 kg, spread evenly along its axis.
 from .structure.parts import cylinder as cylinder
+
 # (6, 6, s) any symmetric matrix on some axes: the upper triangle, row by row.
 from .structure.parts import full as full
+
 # (6, 6, s) a matrix with value · θ_k at (i, j) and (j, i), from rows (i, j, k, value).
 from .structure.parts import tied as tied
+
 # The block of the body that carries a payload by default: the last link, or `body`.
 from .structure.payload import carrier as carrier
+
 # (p,) change of θ by a point mass [kg].
 from .structure.payload import point_mass as point_mass
+
 # Whether θ is that of a single body in water with a full mass matrix.
 from .structure.payload import submerged as submerged
+
 # (m,) the position q (m,) as measured by a sensor with a bias.
 from .structure.sensing import displaced as displaced
+
 # A name for each position: x, y, z and the quaternion's parts of a pose in space, then joints.
 from .structure.sensing import position_labels as position_labels
+
 # A name for each velocity, a body's angular ones as rates: surge, … yaw rate, joints.
 from .structure.sensing import rate_labels as rate_labels
+
 # A name for each sensor of position, then for each of velocity.
 from .structure.sensing import sensor_labels as sensor_labels
+
 # The unit of each sensor of position, then of each of velocity.
 from .structure.sensing import sensor_units as sensor_units
+
 # A name for each velocity: surge, sway …, then the robot's own names of its joints.
 from .structure.sensing import velocity_labels as velocity_labels
+
 # The axes of a body in the plane, among the six of one in space.
 from .structure.single_body import LEVEL as LEVEL
+
 # M ν̇ + C(ν) ν = F θ (4) of one body in space, in the plane, or along the vertical.
 from .structure.single_body import SingleBody as SingleBody
+
 # The system, if it is one body with these blocks of θ; `wanted` describes it in the message.
 from .structure.single_body import single_body as single_body
+
 # Scalar product of 3-vectors.
 from .structure.spatial import dot3 as dot3
+
 # M(x, θ) v̇ + C(x, θ) v = F(t, x, u) θ of any robot, without parameter values.
 from .structure.structure import Structure as Structure
+
 # M(x, θ) v̇ + C(x, θ) v = F(t, x, u) θ (4), linear in θ (8, 9), with Ṁ − 2C skew.
 from .structure.system import SecondOrderSystem as SecondOrderSystem
+
 # For each command, the indices of its gains: the actuator parameters whose force it affects.
 from .structure.system import gains_by_command as gains_by_command
+
 # A copy of a system with another structure of the same joints, and with its parameters.
 from .structure.system import rebuilt as rebuilt

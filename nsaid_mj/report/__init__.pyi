@@ -2,197 +2,294 @@
 
 # Indices of at most about `points` values that keep every peak.
 from .drawings import extremes as extremes
+
 # Panels as figures of a page; one alone, without any `others`, is twice as wide.
 from .drawings import figures_of as figures_of
+
 # The exit code of a command whose verdict explains, or that has none.
 from .exit_codes import EXPLAINED as EXPLAINED
+
 # The exit code of a command that was interrupted.
 from .exit_codes import INTERRUPTED as INTERRUPTED
+
 # The exit code of a command whose input cannot be used.
 from .exit_codes import UNUSABLE as UNUSABLE
+
 # The exit code of a result; an incomplete study is not explained either.
 from .exit_codes import code_of as code_of
+
 # Names of the online excitation levels.
 from .labels import EXCITATION_LEVELS as EXCITATION_LEVELS
+
 # Names of the commands: those of the joints where there is one for each.
 from .labels import command_names as command_names
+
 # The unit of the generalised force of each velocity.
 from .labels import force_units as force_units
+
 # The parameters by block and unit.
 from .labels import groups as groups
+
 # Names of the velocities, or of their errors, with units and the prefix `mark`.
 from .labels import velocity_names as velocity_names
-# Counts side by side, such as how many parameters are identified.
-from .page import Badges as Badges
-# A cell of a table; a `Mark` becomes a badge.
-from .page import Cell as Cell
-# A drawing with its title and legend.
-from .page import Figure as Figure
-# Figures side by side; those beyond `most` are folded, under a title with their `kind`.
-from .page import Figures as Figures
-# Panels that are folded on a screen, and open on paper.
-from .page import Fold as Fold
-# A list; an entry is a text, or a pair of its subject and the rest.
-from .page import Items as Items
-# The results of a command.
-from .page import Page as Page
-# What a section of a page consists of: texts, lists, tables, figures, and what is folded.
-from .page import PageItem as PageItem
+
 # Name of the file of a page.
 from .page import REPORT_FILE as REPORT_FILE
+
+# Counts side by side, such as how many parameters are identified.
+from .page import Badges as Badges
+
+# A cell of a table; a `Mark` becomes a badge.
+from .page import Cell as Cell
+
+# A drawing with its title and legend.
+from .page import Figure as Figure
+
+# Figures side by side; those beyond `most` are folded, under a title with their `kind`.
+from .page import Figures as Figures
+
+# Panels that are folded on a screen, and open on paper.
+from .page import Fold as Fold
+
+# A list; an entry is a text, or a pair of its subject and the rest.
+from .page import Items as Items
+
+# The results of a command.
+from .page import Page as Page
+
+# What a section of a page consists of: texts, lists, tables, figures, and what is folded.
+from .page import PageItem as PageItem
+
 # Panels below a title; without a title they form a separate card.
 from .page import Section as Section
+
 # A table.
 from .page import Table as Table
+
 # A paragraph; a `note` is small, and for the page only; a `head` is the title of the next.
 from .page import Text as Text
+
 # A number with its noun: 1 seed, 2 seeds, 0 seeds.
 from .page import count as count
+
 # The lines of texts, lists, tables and folded panels.
 from .page import item_lines as item_lines
+
 # A page's verdict and findings, and texts, lists and tables of its brief sections.
 from .page import markdown as markdown
+
 # Writes report.html atomically and returns its path.
 from .page import write_html as write_html
-# What `plots.draw` draws.
-from .panels import AnyPanel as AnyPanel
+
 # Colour of what is wrong, such as a failed actuator.
 from .panels import BAD as BAD
+
 # Colours of curves on a light page.
 from .panels import COLOURS as COLOURS
-# A measured and a predicted quantity over time, and below it their difference.
-from .panels import Comparison as Comparison
-# Values with intervals, one line for each name.
-from .panels import Forest as Forest
+
 # Colour of grids.
 from .panels import GRID as GRID
-# Correlations as a heat map, below the diagonal.
-from .panels import HeatMap as HeatMap
+
 # Colour of lines and texts.
 from .panels import INK as INK
+
 # Index in `COLOURS`, and in a recording's palette, of a law's or method's colour on any plot.
 from .panels import LAWS as LAWS
+
+# What `plots.draw` draws.
+from .panels import AnyPanel as AnyPanel
+
+# A measured and a predicted quantity over time, and below it their difference.
+from .panels import Comparison as Comparison
+
+# Values with intervals, one line for each name.
+from .panels import Forest as Forest
+
+# Correlations as a heat map, below the diagonal.
+from .panels import HeatMap as HeatMap
+
 # Curves over time in one pair of axes.
 from .panels import Panel as Panel
+
 # Further values of a forest's lines.
 from .panels import Points as Points
+
 # Middles of at most 150 stretches of rows [s], and rms values of all numbers in each.
 from .panels import local_rms as local_rms
+
 # Indices of at most about `most` of `length` rows, evenly spaced, including first and last.
 from .panels import spread as spread
+
 # Indices of at most `points` of all rows, evenly spaced, including the first and the last.
 from .panels import thin as thin
+
 # Title of the section of correlations.
 from .parameters import CORRELATIONS as CORRELATIONS
+
 # Correlations (k, k) as a heat map, of the first ones; empty for fewer than two.
 from .parameters import correlations as correlations
+
 # A table for each block of θ, with the number of parameters of each status.
 from .parameters import folds as folds
+
 # Estimates with intervals, priors and true values, a figure for each kind and unit.
 from .parameters import forests as forests
+
 # The table of the gains, with `numbers` as in `table`; empty without gains.
 from .parameters import gains_of as gains_of
+
 # Parameters, at least one, with intervals, prior and true values where known.
 from .parameters import table as table
+
 # The robot at positions q (m,) as a figure of a page; None without meshes, or finite q.
 from .picture import robot_picture as robot_picture
+
 # Largest number of categories in a panel of ordinary width.
 from .plots import COLUMNS as COLUMNS
+
 # Width of a curve in a plot.
 from .plots import CURVE as CURVE
+
 # of a panel on a page, and of a wide one [inch]
 from .plots import WIDTH as WIDTH
+
 # Labels columns 0, 1, 2 …; the labels are rotated if they are many or long.
 from .plots import categories as categories
+
 # Draws a panel's curves into axes.
 from .plots import curves as curves
+
 # Whether a path is that of a PNG file that `png_of` wrote.
 from .plots import is_own as is_own
+
 # Draws a curve with its name, by which the page finds its values; huge ones are left out.
 from .plots import line as line
+
 # Makes an axis logarithmic, with at most `most` ticks at round numbers over any range.
 from .plots import logarithmic as logarithmic
+
 # A figure of a page, drawn by a function of its axes; its legend has all labelled curves.
 from .plots import page_figure as page_figure
+
 # Writes a grid of panels as PNG, atomically, each drawn by a function of its axes.
 from .plots import png_of as png_of
+
 # Applies our settings over matplotlib's defaults and ignores the user's matplotlibrc.
 from .plots import style as style
+
 # Renders a figure as an SVG element for an HTML page with other drawings.
 from .plots import svg as svg
+
 # Share of the window that the first page's plots take.
 from .recording.layout import RIGHT as RIGHT
+
 # Layout of a finished run, of the curves in its recording.
 from .recording.layout import blueprint as blueprint
+
 # Title of the robot's view: what is drawn, and which arrows are magnified.
 from .recording.layout import drawing_words as drawing_words
+
 # Layout of a running run, without anything that needs the truth.
 from .recording.layout import live_blueprint as live_blueprint
+
 # The panel with the result as text.
 from .recording.layout import result_view as result_view
+
 # The robot above the ground grid; the most recent part of a vehicle's path is bright.
 from .recording.layout import robot_view as robot_view
+
 # A page with robot and texts, `shares` of its height each, on the left of its plots.
 from .recording.layout import views_beside as views_beside
+
 # Pages as tabs, the first one open, without the viewer's panels.
 from .recording.layout import whole_blueprint as whole_blueprint
+
 # Prefix of entities of logarithms, of panels with a logarithmic axis, which Rerun has not.
 from .recording.lines import LOGARITHM as LOGARITHM
+
 # Curves over the same times, of one Rerun entity.
 from .recording.lines import Lines as Lines
+
 # The lines of panels over time that have a key.
 from .recording.lines import lines_of as lines_of
+
 # An entity path made of parts; characters that would need an escape become underscores.
 from .recording.lines import path as path
+
 # Makes plots whose legends stand beside the curves, in an empty part of the time axis.
 from .recording.plots import Plots as Plots
+
 # Entity of the body of a vehicle.
 from .recording.scene import BODY as BODY
-# The camera of a 3D view, in world coordinates.
-from .recording.scene import Camera as Camera
+
 # Entity of the robot.
 from .recording.scene import ROBOT as ROBOT
+
+# The camera of a 3D view, in world coordinates.
+from .recording.scene import Camera as Camera
+
 # Draws a robot into a recording, from shapes and poses only; it reads no true value.
 from .recording.scene import Scene as Scene
+
 # Indices of the body axes x, y, z of a vehicle's linear velocities; empty for an arm.
 from .recording.scene import body_axes as body_axes
+
 # (k, j, 3) points (j, 3) or (k, j, 3) rotated by quaternions (k, 4) in x, y, z, w order.
 from .recording.scene import rotated as rotated
+
 # Writes a recording atomically.
 from .recording.stream import write_recording as write_recording
+
 # Name of the application of a recording: Rerun warns of full stops and other marks in it.
 from .recording.text import application as application
+
 # Replaces symbols and characters that the viewer's font lacks.
 from .recording.text import drawable as drawable
+
 # Marks of verdicts.
 from .result import EXPLAINS as EXPLAINS
-# Whether the structure explains the motion: yes, partly, no.
-from .result import Explains as Explains
-# The display of a status or a verdict.
-from .result import Mark as Mark
-# One parameter of θ.
-from .result import Parameter as Parameter
-# The result of every command; a truth may be missing.
-from .result import Result as Result
+
 # Marks of parameters' statuses, best first.
 from .result import STATUSES as STATUSES
+
+# Whether the structure explains the motion: yes, partly, no.
+from .result import Explains as Explains
+
+# The display of a status or a verdict.
+from .result import Mark as Mark
+
+# One parameter of θ.
+from .result import Parameter as Parameter
+
+# The result of every command; a truth may be missing.
+from .result import Result as Result
+
 # A number for each of what is compared: identifiers, methods, laws, joints, experiments.
 from .result import Statistic as Statistic
+
 # A parameter's identifiability, in words.
 from .result import Status as Status
+
 # A mark for each status that occurs, with the number of parameters that have it.
 from .result import counts as counts
+
 # Findings ordered by level.
 from .result import gravest_first as gravest_first
+
 # Prints a line for each finding, notes dimmed; of many of one level it counts the rest.
 from .terminal import print_findings as print_findings
+
 # Prints a page; the written files, or other last lines, come after a blank line.
 from .terminal import print_page as print_page
+
 # Prints badges, texts, lists and tables, each indented by two characters.
 from .terminal import print_panels as print_panels
+
 # An estimate and its 95 % interval, rounded to two digits of the interval's half-width.
 from .wording import estimate as estimate
+
 # A share in percent, with two digits.
 from .wording import share_in_words as share_in_words
+
 # Formats a statistic with three digits, as a percentage if its unit is %; None becomes –.
 from .wording import statistic as statistic

@@ -271,8 +271,7 @@ def test_a_packed_robot_is_known_by_its_folder(tmp_path, monkeypatch):
     (tmp_path / "tx7" / "tx7.urdf").write_text(chain())
     for module in (
         "nsaid_mj.robots.assets",
-        "nsaid_mj.robots.loading",
-        "nsaid_mj.clinic.identify.models",
+        "nsaid_mj.robots.files",
     ):
         monkeypatch.setattr(f"{module}.folder", lambda _: tmp_path)
     model = load_robot_model("tx7")
