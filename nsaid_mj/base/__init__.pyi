@@ -59,6 +59,9 @@ from .choices import check_choice as check_choice
 # The comma-separated numbers of a flag's text; raises `InvalidInput` if it has others.
 from .choices import numbers_in as numbers_in
 
+# The attributes of a package whose stub lists its names; each is imported on first use.
+from .doors import door as door
+
 # A run folder or file that cannot be read.
 from .errors import BadRun as BadRun
 

@@ -3,6 +3,6 @@
 The names that other houses may use are in `__init__.pyi`; each is imported on first use.
 """
 
-import lazy_loader
+from ..base import door
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = door(__name__, __file__)

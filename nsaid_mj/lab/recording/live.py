@@ -23,8 +23,7 @@ from ...report import (
 )
 from ..observer import Observer, RobotDescription
 from ..scenario import Scenario
-from .forces import Arrows, mounts_of
-from .torques import ESTIMATED
+from .forces import ESTIMATED, Arrows, mounts_of
 from .viewer import (
     GRPC_PORT,
     LOCAL,

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from nsaid_mj.base.choices import CHOICES
 from nsaid_mj.base.errors import BadRun, InvalidInput, NoEstimate, UnknownName
 from nsaid_mj.cli.commands import command
 from nsaid_mj.core.laws.conventional import ConventionalAID
@@ -94,7 +95,7 @@ def test_a_scenario_of_another_identifier_is_refused():
 
 def test_every_law_can_be_compared():
     """A law that is added to NullspaceAID is a method without a line here."""
-    laws = compare.OURS
+    laws = CHOICES["law of a run"]
     assert {"paper", "cone"} <= set(laws)
     found = cells(methods=laws, durations=(1.0,))
     assert [cell["method"] for cell in found] == [PRIOR, *laws]
@@ -228,7 +229,7 @@ def test_a_failed_seed_counts_as_infinite():
 def test_the_table_fits_a_terminal_and_lists_failures():
     made = [
         row_of(m, seed, noise, 20.0, 1.234e-3, 2.345e-3, 3.456e-3, 12.3, "cut-off 4 Hz")
-        for m in compare.METHODS
+        for m in CHOICES["method"]
         for seed in (0, 1)
         for noise in (0.0, 0.3)
     ]
@@ -239,7 +240,7 @@ def test_the_table_fits_a_terminal_and_lists_failures():
     failures, table = stream.getvalue().split(" methods, 3 seeds")
     assert "0.0012 (–)" in table and "…" not in table
     assert "[at] t = 1 s" in failures
-    for method in compare.METHODS:
+    for method in CHOICES["method"]:
         assert method in table
 
 
