@@ -39,7 +39,7 @@ class Kept(NamedTuple):
     seen: Seen = Seen()
 
     def wandered(self, share: float) -> Kept:
-        """The same with another relative error of all of θ."""
+        """A copy with another relative error of all of θ."""
         total, largest = self.wander
         return self._replace(wander=(total + share**2, max(largest, share**2)))
 

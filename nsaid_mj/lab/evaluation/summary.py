@@ -107,7 +107,7 @@ def _evaluated(result: RunResult) -> dict[str, Any]:
 
 
 def _without_rows(known: bool) -> dict[str, Any]:
-    """The same keys for a run without any row."""
+    """Keys and values of the statistics of a run without any row."""
     keys = _WITHOUT_ROWS + (_WITHOUT_ROWS_COMPARED if known else ())
     return dict.fromkeys(keys) | {"rivals": {}}
 

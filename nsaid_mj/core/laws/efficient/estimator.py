@@ -99,11 +99,11 @@ class KalmanFilter:
         )
 
     def cautious(self) -> KalmanFilter:
-        """The same filter with the γ of a run's beginning, where θ̂ may be as far off as a prior."""
+        """A copy of this filter with the γ of a run's beginning: θ̂ may be as far off as a prior."""
         return self._with(gamma=self._far_gamma)
 
     def walking(self, walk: Array) -> KalmanFilter:
-        """The same filter with θ a random walk.
+        """A copy of this filter in which θ is a random walk.
 
         walk (p,) is the variance that θ, relative to itself, gains per second [1/s].
         """

@@ -75,7 +75,7 @@ class EfficientIdentifier(Identifier):
         self._cautious = estimator.cautious()
 
     def supervised_by(self, supervisor: Supervisor) -> "EfficientIdentifier":
-        """The same law with a supervisor."""
+        """A copy of this law with a supervisor."""
         return EfficientIdentifier(self.guard, self.estimator, supervisor)
 
     def init(self, first: Measurement) -> State:

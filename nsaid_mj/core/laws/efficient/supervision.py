@@ -43,5 +43,5 @@ class Supervision(NamedTuple):
         return Supervision(Signals.sound(system), np.ones(system.p), np.zeros(system.p))
 
     def after_gap(self) -> Supervision:
-        """The same without what refers to the motion so far."""
+        """A copy without what refers to the motion so far."""
         return self._replace(trying=False, moving=None)
