@@ -30,13 +30,13 @@ from rerun.experimental import ViewerClient
 from scipy.spatial.transform import Rotation
 
 from nsaid_mj.base.errors import NsaidError
+from nsaid_mj.base.files import RECORDING
 from nsaid_mj.cli import commands as cli
 from nsaid_mj.core.log import Log
 from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.loop import SimulatedRun, run
 from nsaid_mj.lab.recording.forces import Arrows, body_forces
 from nsaid_mj.lab.recording.viewer import LOCAL, free_port, listening, program
-from nsaid_mj.report.recording import FILE
 from nsaid_mj.report.recording.scene import EYE, base_poses
 from nsaid_mj.robots.assets import scenarios
 
@@ -281,7 +281,7 @@ def photograph_run(name: str, out: Path, duration: float | None, at: float | Non
         result = run(scenario, Path(folder) / name)
         postprocessing.finish(result)
         moment = best_moment(result) if at is None else at
-        photograph(result.folder / FILE, picture, moment, close=close)
+        photograph(result.folder / RECORDING, picture, moment, close=close)
     return [picture, close_up(picture)] if close else [picture]
 
 
