@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from enum import Enum
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -75,10 +77,15 @@ class Estimates(NamedTuple):
     spent: Array  # (N,) total decrease of the conserved quantity in the memory's implicit steps
 
     @staticmethod
-    def of(*states: State) -> Estimates:
-        """The estimates of some states, one row each."""
-        rows = [(s.v_hat, s.theta_hat, s.pivot, s.spent) for s in states]
-        return Estimates(*(np.array(column) for column in zip(*rows, strict=True)))
+    def of(state: State, count: int = 1) -> Estimates:
+        """`count` rows for the estimates from a state on, which is the first; the rest is unset."""
+        v_hat = np.empty((count, len(state.v_hat)))
+        theta_hat = np.empty((count, len(state.theta_hat)))
+        pivot = np.empty(count)
+        v_hat[0] = state.v_hat
+        theta_hat[0] = state.theta_hat
+        pivot[0] = state.pivot
+        return Estimates(v_hat, theta_hat, pivot, np.full(count, state.spent))
 
     def first(self, count: int) -> Estimates:
         """The first `count` rows."""
@@ -135,35 +142,37 @@ class Identifier(ABC):
             InvalidInput: time does not increase, or a shape is wrong.
         """
         for sample in (previous, following):
-            if tuple(map(np.shape, sample)) != ((), *((k,) for k in self._widths)):
+            shapes = [getattr(part, "shape", ()) for part in sample]
+            if shapes != self._shapes:
                 checked(self.system, sample)  # raises, and names the wrong part
-        if not (following.t > previous.t and np.isfinite(following.t)):
+        if not (following.t > previous.t and math.isfinite(following.t)):
             raise InvalidInput(
                 "t",
                 f"a time after {previous.t!r} s",
                 repr(following.t),
                 "Sort the samples by time.",
             )
-        pair = zip(previous, following, strict=True)
-        return self.follow(state, Log.unchecked(*(np.array(part, np.float64) for part in pair)))[0]
+        pairs = zip(previous, following, strict=True)
+        return self.follow(state, Log.unchecked(*(np.array(pair, np.float64) for pair in pairs)))[0]
 
     def check(self, log: Log) -> None:
         """Raises `InvalidInput` unless the log has the system's numbers of columns."""
         if not isinstance(log, Log):
             raise InvalidInput("log", "a Log", type(log).__name__, "Make one: Log(t, q, v, u).")
-        for name, part, width in zip("qvu", log[1:], self._widths, strict=True):
-            if part.shape[1] != width:
+        for name, part, shape in zip("tqvu", log, self._shapes, strict=True):
+            if part.shape[1:] != shape:
                 raise InvalidInput(
                     name,
-                    f"{width} columns",
+                    f"{sum(shape)} columns",
                     f"{part.shape[1]}",
                     "A log holds the system's own coordinates: m positions, n velocities and "
                     "n_u commands.",
                 )
 
-    @property
-    def _widths(self) -> tuple[int, int, int]:
-        return self.system.m, self.system.n, self.system.n_u
+    @cached_property
+    def _shapes(self) -> list[tuple[int, ...]]:
+        """Those of the parts of a measurement."""
+        return [(), (self.system.m,), (self.system.n,), (self.system.n_u,)]
 
     @abstractmethod
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:

@@ -152,10 +152,9 @@ class NullspaceIdentifier(Identifier):
             InvalidInput: the log's widths are not the system's.
         """
         self.check(log)
-        start = Estimates.of(state)
-        estimates = Estimates(*(np.repeat(part, len(log.t), axis=0) for part in start))
         if state.status is not Status.completed:
-            return state, estimates.first(1)
+            return state, Estimates.of(state)
+        estimates = Estimates.of(state, len(log.t))
         return end_of(state, log, estimates, self._follow(log, estimates, motion))
 
     def motion(self, log: Log) -> Motion:
@@ -164,12 +163,13 @@ class NullspaceIdentifier(Identifier):
 
     def _follow(self, log: Log, estimates: Estimates, motion: Motion | None) -> int:
         """Writes the estimates from row 1 on; returns the row that failed, or N."""
-        steps = self.system.motion_steps if motion is None else len(log.t)
+        steps = self.system.motion_steps
+        if motion is not None or len(log.t) <= steps + 1:
+            return self._integrate(log, motion or self.motion(log), [*estimates[:3]])
         for at in range(0, len(log.t) - 1, steps):
             piece = log.part(at, at + steps + 1)
             rows = [part[at : at + steps + 1] for part in estimates[:3]]
-            stages = self.motion(piece) if motion is None else motion
-            failed = self._integrate(piece, stages, rows)
+            failed = self._integrate(piece, self.motion(piece), rows)
             if failed < len(piece.t):
                 return at + failed
         return len(log.t)

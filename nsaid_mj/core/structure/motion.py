@@ -161,6 +161,28 @@ def along(structure, q, v, qm, vm, u, work, states, middles, F):
 
 @kernel(
     void(
+        STRUCTURE,
+        boolean,
+        vector,
+        matrix,
+        matrix,
+        matrix,
+        WORKSPACE,
+        matrix,
+        matrix,
+        matrix,
+        matrix,
+        cube,
+    )
+)
+def write_motion(structure, hermite, t, q, v, u, work, qm, vm, states, middles, F):
+    """What `between` and `along` write, by one call: a step called from Python waits for it."""
+    between(structure, hermite, t, q, v, work, qm, vm)
+    along(structure, q, v, qm, vm, u, work, states, middles, F)
+
+
+@kernel(
+    void(
         STRUCTURE, matrix, matrix, matrix, matrix, matrix, vector, vector, WORKSPACE, matrix, vector
     )
 )

@@ -24,7 +24,7 @@ from ..log import Log, Measurement
 from ..parameters import Array, Indices, ParameterSpace, finite
 from .arrays import StructureArrays
 from .configuration_space import StructuredKinematics, plain
-from .motion import Motion, accelerate_at, along, balance
+from .motion import Motion, accelerate_at, along, balance, write_motion
 from .regressor import write_regressors
 from .structure import Structure
 
@@ -76,9 +76,13 @@ class SecondOrderSystem(StructuredKinematics, ABC):
 
     def motion(self, log: Log, hermite: bool) -> Motion:
         """The log's `Motion`; arguments are those of `midpoints`."""
-        t, q, v, u = (plain(x) for x in (log.t, log.q, log.v, log.u))
-        qm, vm = self.midpoints(log, hermite)
-        own = Motion(self.structure.arrays, t, v, vm, *self._along(q, v, qm, vm, u))
+        t, q, v, u = map(plain, log)
+        qm = np.empty((len(t) - 1, self.m))
+        vm = np.empty((len(t) - 1, self.n))
+        found = self._states(len(t))
+        arrays = self.structure.arrays
+        write_motion(arrays, hermite, t, q, v, u, self._memory.work, qm, vm, *found)
+        own = Motion(arrays, t, v, vm, *found)
         return own if self.reference is None else self.reference.motion(own, log.q, qm)
 
     def momentum_balance(
@@ -101,26 +105,22 @@ class SecondOrderSystem(StructuredKinematics, ABC):
         own = plain(log.v)
         vm = plain(v)
         size = (self.n, self.p)
-        states = self._along(plain(log.q), own, plain(q), vm, plain(log.u))
         momenta = np.empty((len(own), *size))
         spare = np.empty((2, *size))
         terms = np.empty((3, len(vm), *size))
         work = self._memory.work
         arrays = self.structure.arrays
+        states = self._states(len(own))
+        along(arrays, plain(log.q), own, plain(q), vm, plain(log.u), work, *states)
         balance(arrays, leak, own, vm, *states, work, *spare, momenta, *terms)
         return momenta, terms[0], terms[1], terms[2]
 
-    def _along(
-        self, q: Array, v: Array, qm: Array, vm: Array, u: Array
-    ) -> tuple[Array, Array, Array]:
-        """States at N samples and half-way, and F; see `motion.along`."""
+    def _states(self, count: int) -> tuple[Array, Array, Array]:
+        """Room for states at `count` samples and half-way between, and for F; see `along`."""
         size = len(self._memory.state)
-        own = self.structure.arrays
-        states = np.empty((len(q), size))
-        middles = np.empty((len(qm), size))
-        F = np.empty((3, len(qm), len(own.nonzeros)))
-        along(own, q, v, qm, vm, u, self._memory.work, states, middles, F)
-        return states, middles, F
+        states = np.empty((count, size))
+        middles = np.empty((count - 1, size))
+        return states, middles, np.empty((3, count - 1, len(self.structure.arrays.nonzeros)))
 
     # -- regressors of samples, unchecked --------------------------------------------------------
 
