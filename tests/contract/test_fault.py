@@ -233,7 +233,14 @@ def test_a_jump_of_v_at_the_fault_is_no_violation(failed: SimulatedRun):
     assert far[strike] > 1.2 * far[strike - 1] and far[-1] < far[strike]
 
 
-@pytest.mark.parametrize("law,seed", [("paper", 0), ("paper", 1), ("paper", 2), ("cone", 0)])
+@pytest.mark.parametrize(
+    "law,seed",
+    [
+        ("paper", 0),
+        *(pytest.param("paper", k, marks=pytest.mark.slow) for k in (1, 2)),
+        pytest.param("cone", 0, marks=pytest.mark.slow),
+    ],
+)
 def test_a_gain_lost_in_mid_run_is_followed_and_the_others_come_back(law, seed, tmp_path):
     """To 5 % within 30 s, and the others to 3 %: shares, as no scale is known.
 

@@ -28,7 +28,10 @@ def poisoned(tmp_path: Path) -> Path:
     "words",
     [
         ("run", "scalar_rov", "--duration", "0.2", "--held-out", "0.5", "--pe-window", "0.1"),
-        ("sweep", "scalar_rov", "--duration", "0.2", "--seeds", "2", "--jobs", "2"),
+        pytest.param(
+            ("sweep", "scalar_rov", "--duration", "0.2", "--seeds", "2", "--jobs", "2"),
+            marks=pytest.mark.slow,
+        ),
         ("list",),
     ],
     ids=lambda words: words[0],

@@ -93,6 +93,7 @@ def test_a_limb_that_stands_still_on_a_vertical_axis_has_its_mass_as_size(biped)
     assert sizes[2].nonzero()[0].tolist() == [60] and sizes[2, 60] == pytest.approx(0.5)
 
 
+@pytest.mark.slow
 def test_a_known_gain_says_nothing_of_the_other_leg(biped):
     model, log, gain = biped
     result = identify_forces(str(model), [log], known={"gain_1": float(gain[0])})

@@ -77,6 +77,7 @@ def test_a_log_without_a_long_enough_segment_is_refused(tmp_path):
 
 
 @pytest.mark.skipif(not hasattr(mujoco.sysid, "optimize"), reason="needs mujoco[sysid]")
+@pytest.mark.slow
 def test_mujocos_toolbox_fits_an_arm_by_force(tmp_path):
     path = tmp_path / "arm.xml"
     path.write_text(arm())

@@ -65,6 +65,7 @@ def test_a_quadrotors_delay_and_parameters_are_found(flight):
         assert named[name] == pytest.approx(1.0, rel=0.02), name
 
 
+@pytest.mark.slow
 def test_a_weighed_quadrotor_has_a_scale(flight):
     folder, truth = flight
     found = identify_forces(

@@ -35,7 +35,15 @@ def identified(folder, robot, locked, logs, options=()):
     return json.loads((out / "identification.json").read_text()), model
 
 
-@pytest.fixture(scope="module", params=CASES)
+_ALWAYS = ("soft", "leg")
+
+
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(name, marks=() if name in _ALWAYS else pytest.mark.slow) for name in CASES
+    ],
+)
 def case(request, tmp_path_factory):
     robot, options, seconds = CASES[request.param]
     logs = [{"seed": seed, "seconds": seconds} for seed in range(2)]

@@ -17,7 +17,9 @@ from tests.support.summaries import run_result
 from .test_never_wrong import known_of, misfit, ran, system_of
 
 
-@pytest.mark.parametrize(("rate", "seed", "bar"), [(1, 951, 0.01), (10, 952, 0.05)])
+@pytest.mark.parametrize(
+    ("rate", "seed", "bar"), [(1, 951, 0.01), pytest.param(10, 952, 0.05, marks=pytest.mark.slow)]
+)
 def test_gains_that_drift_are_followed_within_their_intervals(
     rate: int, seed: int, bar: float
 ) -> None:

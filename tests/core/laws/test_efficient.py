@@ -171,7 +171,7 @@ def test_a_robot_does_not_change_the_next_ones_filter_in_the_same_process() -> N
         np.testing.assert_array_equal(before, after)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_with_exact_sensors_rounding_contradicts_nothing(seed: int) -> None:
     """Seed 0: P_θθ lost its definiteness to rounding, and the estimate wandered off to 1.6e-4."""
     found = followed("straight_then_slalom", seed, 40.0, sensors="ideal")
@@ -218,7 +218,14 @@ MISFITS = {
 }
 
 
-@pytest.mark.parametrize("case", MISFITS)
+@pytest.mark.parametrize(
+    "case",
+    [
+        "delay",
+        REVERSED,
+        *(pytest.param(k, marks=pytest.mark.slow) for k in ("lag", "current", "drag")),
+    ],
+)
 def test_a_wrong_structure_is_contradicted_by_the_motion(case: str) -> None:
     found = followed("bluerov2", 10, 20.0, mismatch=MISFITS[case])
     log = found.log

@@ -74,7 +74,7 @@ def test_the_spread_of_a_random_trees_prior_is_the_stated_one(seed):
     assert np.abs(found - 1).max() < 0.3, found
 
 
-@pytest.mark.parametrize("error", [0.1, 0.3])
+@pytest.mark.parametrize("error", [0.1, pytest.param(0.3, marks=pytest.mark.slow)])
 def test_second_moments_are_those_of_the_draws(error):
     space, theta = random_tree(0)
     rng = np.random.default_rng(0)

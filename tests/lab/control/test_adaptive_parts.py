@@ -134,6 +134,7 @@ def test_a_small_s_keeps_the_attitude_error_away_from_pi(share: float):
 # -- the bound of composite ------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_bound_of_composite_needs_the_condition_of_the_mass_matrix():
     """(T4), M = diag(1, 100), K_d = 1, |e| = 1: 1 is exceeded; and the bound on a tree's own M."""
     M = np.array([1.0, 100.0])

@@ -463,7 +463,7 @@ def test_meshes_move_with_their_bodies(name):
 
 
 @pytest.mark.parametrize("name", ["borinot", "iris"])
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2))])
 def test_a_flying_arm_stays_in_the_air_in_spite_of_wrong_gains(name, seed):
     p = plant(name, seed, 4e-3)
     system = p.system

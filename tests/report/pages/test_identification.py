@@ -128,13 +128,13 @@ def broken() -> Identification:
     "result",
     [
         identification(("only",), segments=1),
-        identification(tuple(f"joint_{k}" for k in range(20)), validated=True),
+        identification(tuple(f"joint_{k}" for k in range(7)), validated=True),
         identification(vehicle=True),
         identification(explains="no", held_out=3.0),
         broken(),
         replace(identification(), combinations=(), suggestion="", parameters=()),
     ],
-    ids=["one joint", "20 joints", "vehicle", "not explained", "nan", "no parameters"],
+    ids=["one joint", "7 joints", "vehicle", "not explained", "nan", "no parameters"],
 )
 def test_unusual_identifications_are_reported(result: Identification, tmp_path: Path) -> None:
     text = write_html(identification_page(result), tmp_path).read_text(encoding="utf-8")

@@ -92,13 +92,13 @@ def evil() -> Identification:
     "result",
     [
         identification(("only",), segments=1),
-        identification(tuple(f"joint_{k}" for k in range(30)), law=True, explains="no"),
+        identification(tuple(f"joint_{k}" for k in range(8)), law=True, explains="no"),
         identification(vehicle=True, explains="partly"),
         identification(held_out=np.nan),
         evil(),
         replace(identification(), parameters=(), combinations=(), suggestion=""),
     ],
-    ids=["one joint", "30 joints", "vehicle", "nan", "evil names", "no parameters"],
+    ids=["one joint", "8 joints", "vehicle", "nan", "evil names", "no parameters"],
 )
 def test_unusual_identifications_are_recorded(result: Identification, tmp_path: Path) -> None:
     entities = entities_of(recorded_in(result, tmp_path))
