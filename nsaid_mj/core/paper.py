@@ -87,7 +87,8 @@ def regressor(robot: Regressors, at: Moment, w: Array, a: Array) -> Array:
 def acceleration(robot: Regressors, at: Moment, w: Array, theta: Array) -> Array:
     """(n,) v̇(t, x, w, θ)."""
     force = (-robot.W_C(at.x, w) + robot.F(at.t, at.x, at.u)) @ theta
-    return np.linalg.solve(mass_matrix(robot, at.x, theta), force)  # (29)
+    found = np.linalg.solve(mass_matrix(robot, at.x, theta), force)  # (29)
+    return np.asarray(found, dtype=np.float64)
 
 
 def regressor_under(robot: Regressors, at: Moment, w: Array, theta: Array) -> Array:

@@ -15,4 +15,4 @@ def supervised(identifier: Identifier) -> Identifier:
         return identifier
     from .supervisor import FilterSupervisor
 
-    return invite(FilterSupervisor(identifier))
+    return invite(FilterSupervisor(identifier))  # pyright: ignore[reportArgumentType]

@@ -61,6 +61,8 @@ class NullspaceIdentifier(Identifier):
         InvalidInput: a shape or value is wrong, K is not positive definite, or too fast for dt.
     """
 
+    metric: Metric  # pyright: ignore[reportIncompatibleVariableOverride]  # this law has one
+
     def __init__(
         self,
         system: SecondOrderSystem,
@@ -198,7 +200,7 @@ class NullspaceIdentifier(Identifier):
         earlier divisions of this log's steps. Returns the row that failed, or N.
         """
         v_hats, theta_hats, pivots = rows
-        row = self._flow(motion, *rows, 1)
+        row = self._flow(motion, v_hats, theta_hats, pivots, 1)
         while row < len(log.t) and divided < _DIVISIONS and self.metric.divides:
             step = log.part(row - 1, row + 1)
             if not all(np.isfinite(part).all() for part in step):
@@ -212,7 +214,7 @@ class NullspaceIdentifier(Identifier):
             v_hats[row] = inner[0][-1]
             theta_hats[row] = inner[1][-1]
             pivots[row] = inner[2][1:].min()
-            row = self._flow(motion, *rows, row + 1)
+            row = self._flow(motion, v_hats, theta_hats, pivots, row + 1)
         return row
 
     def _halved(self, log: Log) -> Log:

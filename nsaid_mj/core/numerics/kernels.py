@@ -156,7 +156,7 @@ class Kernel(Compiled):
         self.__name__ = function.__name__
         self.__doc__ = function.__doc__
         self.inner = inner
-        self._called: Any = None  # once it is loaded, what Python calls
+        self._called: Callable[..., Any] | None = None  # once it is loaded, what Python calls
         if signature is not None:
             KERNELS[self.symbol] = self
 
@@ -168,11 +168,10 @@ class Kernel(Compiled):
             except TypeError:
                 if self.signature is not None:
                     raise
-        self.load(*map(typeof, arguments))
-        return self._called(*arguments)
+        return self.load(*map(typeof, arguments))(*arguments)
 
-    def load(self, *given: Any) -> None:
-        """Makes it ready for calls from Python.
+    def load(self, *given: Any) -> Callable[..., Any]:
+        """Makes it ready for calls from Python; returns what they call.
 
         If it has no signature, the types of the arguments are given.
         """
@@ -183,6 +182,7 @@ class Kernel(Compiled):
             self._compile(*given)
             caller = self.function
         self._called = caller  # last: other threads may be calling it
+        return caller
 
     @cached_property
     def function(self) -> Any:

@@ -138,8 +138,12 @@ class Structure:
 
     def has_added_inertia(self, theta: Array) -> bool:
         """Whether θ (p,) has inertia beyond that of rigid bodies."""
-        tensors = (i for i in self.inertias if i.tensor is not None)
-        return any(theta[i.start : i.start + i.tensor.shape[2]].any() for i in tensors)
+        parts = ((i.start, i.tensor) for i in self.inertias)
+        return any(
+            theta[start : start + tensor.shape[2]].any()
+            for start, tensor in parts
+            if tensor is not None
+        )
 
     def acts_on_bodies(self, theta: Array) -> bool:
         """Whether any force at θ (p,) depends on the bodies' poses, or there is added inertia."""

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import Array, Identifier, NullspaceIdentifier, SecondOrderSystem
+from ...core import Array, ConstantMetric, Identifier, NullspaceIdentifier, SecondOrderSystem
 from ..loop import Run
 from ..record import Record
 from .figures import states
@@ -148,6 +148,7 @@ def assumption_46(run: Run, truth: Truth) -> tuple[float | None, float]:
     if not (constant and isinstance(identifier, NullspaceIdentifier) and identifier.conserves):
         return None, least  # (46) speaks of a constant Γ of full rank
     error = identifier.conserved(run.prior - theta)
+    assert isinstance(identifier.metric, ConstantMetric)
     gain = identifier.metric.Gamma
     largest = gain.max() if gain.ndim == 1 else np.linalg.eigvalsh(gain)[-1]
     return float(least - np.sqrt(largest * error)), least

@@ -2,11 +2,10 @@
 
 import time
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
-from typing import Any
 
 import numpy as np
 
-from ...core import Array, Identifier, Log, State, extended, gain_deviations
+from ...core import Array, Confidence, Identifier, Log, State, extended, gain_deviations
 from ...watch import (
     CONTRADICTS,
     FEWEST,
@@ -88,7 +87,9 @@ class RunningMisfit:
             given = state.theta_hat, stated, self._prior, acting
             self._found = self._pool.submit(self._judgement, self._log, *given), deviations
 
-    def _judgement(self, number: int, *given: Any) -> Misfit:
+    def _judgement(
+        self, number: int, theta: Array, stated: Confidence | None, prior: Array, log: Log
+    ) -> Misfit:
         """The misfit of a log, in the thread, until another log begins."""
 
         def rest() -> None:
@@ -97,7 +98,7 @@ class RunningMisfit:
             time.sleep(_REST)
 
         assert self._filter is not None
-        return judged_estimate(self._filter, *given, rest)
+        return judged_estimate(self._filter, theta, stated, prior, log, rest)
 
     def level(self, state: State) -> str:
         """The level of `Misfit` so far; "" of a law that is not judged."""

@@ -200,7 +200,8 @@ class ComparedPlant:
         if estimate is None:
             return row_of(name, *self._key, duration, wall_s=wall, failure=failure)
         figures = self._judge(duration)(estimate.theta)
-        return row_of(name, *self._key, duration, **figures, wall_s=wall, note=estimate.note)
+        row = row_of(name, *self._key, duration, wall_s=wall, note=estimate.note)
+        return row | figures
 
     def _bound(self, duration: float, log: Log) -> Row:
         """The figures of estimates that attain the Cramér–Rao bound."""
@@ -210,7 +211,7 @@ class ComparedPlant:
         except NsaidError as error:
             return row_of(BOUND, *self._key, duration, failure=str(error))
         figures = bound_figures(truth, self._judge(duration), covariance)
-        return row_of(BOUND, *self._key, duration, **figures)
+        return row_of(BOUND, *self._key, duration) | figures
 
     def _judge(self, duration: float) -> Judge:
         """The judge of estimates at a time [s], as faults change the truth."""
