@@ -4,22 +4,18 @@ Reversed or swapped commands and delays need a fit and are not checked here.
 """
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from ...base import Finding, pin, refused
 from ...core import Array, number, positions, rounded, slides
 from ...robots import RobotModel
-from . import signals
+from .causes import DEGREES, Motion, command_causes, motion_of, velocity_causes
 from .recordings import Recordings
 from .unusable import UnusableLog
 
-DEGREES = 180 / np.pi
 SHORT = 5.0  # seconds of usable rows below which a log is warned about or refused
 TOO_SHORT = 1.0
-_AGREES = 0.9  # correlation of a velocity with dq/dt below which they contradict each other
-_FACTOR = 0.15  # relative error of a velocity's scale that noise and delay do not explain
 _MOVES = 0.05  # share of usable rows below which a joint hardly moves
 _ROWS = 2000  # at most, for the model's torques
 
@@ -32,24 +28,16 @@ def checked(recordings: Recordings, robot: RobotModel) -> Recordings:
     return replace(recordings, findings=findings)
 
 
-class LogMotion(NamedTuple):
-    """All segments in one piece, low-passed alike."""
-
-    q: Array  # (N, n) positions
-    slopes: Array  # (N, n) their derivatives
-    v: Array  # (N, n) velocities
-    u: Array  # (N, n_u) commands
-
-
 def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     """Findings about recordings of a robot; refusals where no fit can be trusted.
 
     Codes: `dead_channel`, `at_rest`, `short_log`, `degrees`, `beyond_limits`, `velocity_mismatch`,
     `swapped_columns` and `milliamps`.
     """
-    motion = _motion(recordings)
+    motion = motion_of(recordings)
     remedy = "Map the column of its torque or current, or leave the joint out with --lock."
-    found = _dead("command", motion.u, 0.0, robot, remedy)
+    commands = np.concatenate([segment.log.u for segment in recordings.segments])
+    found = _dead("command", commands, 0.0, robot, remedy)
     found = [finding for finding in found if finding.where not in robot.passive]
     usable = np.concatenate([segment.usable for segment in recordings.segments])
     seconds = float(np.sum(usable.any(axis=1)) / recordings.rate)
@@ -80,24 +68,16 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     }
     names = enumerate(robot.joints)
     measured = [j for j, name in names if name not in derived and j not in resting]
-    found += _velocities(motion, robot, measured)
+    said, motion = velocity_causes(motion, robot, measured)
+    found += said
     reported = {finding.where for finding in found}
     speeds = np.quantile(np.abs(motion.slopes), 0.95, axis=0)
     found += [f for f in beyond_limits(motion.q, speeds, robot) if f.where not in reported]
+    if not any(f.code == "beyond_limits" for f in found):
+        found += command_causes(motion, robot)[0]
     if not robot.weightless and not refused(found):
         found += _large_commands(motion, recordings, robot)
     return tuple(found)
-
-
-def _motion(recordings: Recordings) -> LogMotion:
-    parts = []
-    cut = min(10.0, recordings.rate / 5) / (0.5 * recordings.rate)
-    for segment in recordings.segments:
-        _, q, v, u = segment.log
-        poses = q.shape[1] != v.shape[1]
-        slopes = v if poses else np.gradient(q, 1 / recordings.rate, axis=0)
-        parts.append((q, signals.low_pass(slopes, cut), signals.low_pass(v, cut), u))
-    return LogMotion(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
 def _dead(what: str, x: Array, least: float, robot: RobotModel, remedy: str) -> list[Finding]:
@@ -109,72 +89,6 @@ def _dead(what: str, x: Array, least: float, robot: RobotModel, remedy: str) -> 
         for joint, column in columns
         if np.ptp(column) <= least
     ]
-
-
-# -- velocities against positions ----------------------------------------------------------------
-
-
-def _velocities(motion: LogMotion, robot: RobotModel, measured: list[int]) -> list[Finding]:
-    """Contradictions between measured velocities and the derivatives of positions."""
-    found: list[Finding] = []
-    together = correlation(motion.slopes, motion.v)
-    swapped: set[int] = set()
-    for j in measured:
-        if np.ptp(motion.q[:, j]) < 1e-9 or np.std(motion.v[:, j]) == 0 or j in swapped:
-            continue
-        others = [i for i in measured if i != j]
-        best = max(others, key=lambda i: abs(together[i, j]), default=j)
-        if abs(together[j, j]) < 0.7 and abs(together[best, j]) > _AGREES:
-            swapped |= {j, best}
-            found.append(_swapped(robot.joints[j], robot.joints[best], together[best, j]))
-            continue
-        finding = _scale(robot.joints[j], motion.slopes[:, j], motion.v[:, j], together[j, j])
-        found += [finding] if finding else []
-    return found
-
-
-def correlation(a: Array, b: Array) -> Array:
-    """(k, l) correlation of columns of a (N, k) with columns of b (N, l); 0 for constant ones."""
-    centred = [x - x.mean(axis=0) for x in (a, b)]
-    sizes = [np.linalg.norm(x, axis=0) for x in centred]
-    product = centred[0].T @ centred[1]
-    scale = np.outer(*sizes)
-    return np.divide(product, scale, out=np.zeros_like(product), where=scale > 0)
-
-
-def _swapped(joint: str, other: str, together: float) -> Finding:
-    text = f"the velocity correlates with the position of {other} (correlation {together:.2f})"
-    remedy = "Two columns are swapped: correct the order of positions or velocities in map.toml."
-    data = {"joints": [joint, other], "correlation": float(together)}
-    return Finding("refusal", "swapped_columns", joint, text, remedy, data)
-
-
-def _scale(joint: str, slope: Array, v: Array, together: float) -> Finding | None:
-    """Checks the scale and sign of a velocity."""
-    factor = float(slope @ v / (v @ v))
-    data = {"factor": factor, "correlation": float(together)}
-    if abs(together) < _AGREES:
-        level = "refusal" if abs(together) < 0.5 else "warning"
-        text = f"the velocity hardly correlates with dq/dt (correlation {together:.2f})"
-        remedy = "Check which column is its velocity; leave it out to differentiate the position."
-        return Finding(level, "velocity_mismatch", joint, text, remedy, data)
-    for ratio, units in (
-        (DEGREES, "the position is in degrees and the velocity in rad/s"),
-        (1 / DEGREES, "the velocity is in deg/s and the position in rad"),
-    ):
-        if abs(factor / ratio - 1) < _FACTOR:
-            text = f"{units}: dq/dt is {number(factor, significant=3)} times the velocity"
-            remedy = "State the unit in map.toml."
-            return Finding("refusal", "degrees", joint, text, remedy, data)
-    if abs(factor - 1) > _FACTOR:
-        sign = abs(factor + 1) < _FACTOR
-        text = "the velocity has the opposite sign of dq/dt"
-        if not sign:
-            text = f"dq/dt is {number(factor, significant=3)} times the velocity"
-        remedy = f"Set {'sign' if sign else 'unit or ratio'} of the velocity or position in "
-        remedy += "map.toml."
-        return Finding("refusal", "velocity_mismatch", joint, text, remedy, data)
-    return None
 
 
 # -- sizes against the model ----------------------------------------------------------------------
@@ -237,7 +151,7 @@ def limits(robot: RobotModel, name: str) -> tuple[float, float, float]:
     )
 
 
-def _large_commands(motion: LogMotion, recordings: Recordings, robot: RobotModel) -> list[Finding]:
+def _large_commands(motion: Motion, recordings: Recordings, robot: RobotModel) -> list[Finding]:
     """Commands far larger than the model's torques make plausible."""
     model = robot.model
     data = robot.model.createData()

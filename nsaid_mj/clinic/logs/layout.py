@@ -13,7 +13,7 @@ from ...core import Array, continuous_signs
 from ...robots import RobotModel
 from . import matching
 from .flight import flight_map
-from .mapping import ColumnMap, Map, Quantity, Vehicle, matrix, si
+from .mapping import ColumnMap, Joint, Map, Quantity, Vehicle, matrix, si
 from .tables import Channel, LogTable, channel_names
 from .unusable import UnmatchedChannels
 
@@ -123,23 +123,40 @@ def layout(
         stated = "a joint that the robot lacks" if joint in mapping.joints else "no entry"
         expected = "one entry for each actuated joint"
         raise InvalidInput(f"map: joints.{joint}", expected, stated, remedy)
-    joints = [mapping.joints[name] for name in robot.joints]
+    joints = _ordered(mapping, robot.joints)
     for name, joint in zip(robot.joints, joints, strict=True):
         if joint.command is None and name not in robot.passive:
             expected = "a column, as the joint has a motor in the model file"
             raise InvalidInput(f"map: joints.{name}.command", expected, "none", remedy)
     n = len(joints)
+    own = list(zip(robot.joints, joints, strict=True))
+    factors = mapping.factors
     made = Layout(
         tuple(
-            _source("position", j.position, j.position.unit_as("position") not in ("m", "mm"))
-            for j in joints
+            _source(
+                "position",
+                j.position,
+                j.position.unit_as("position") not in ("m", "mm"),
+                factors.of("position", name),
+            )
+            for name, j in own
         ),
-        tuple(_source("velocity", j.velocity) if j.velocity else None for j in joints),
         tuple(
-            ChannelSource("command", c, c.factor("position" if targets else "command"))
-            if c
+            _source("velocity", j.velocity, scale=factors.of("velocity", name))
+            if j.velocity
             else None
-            for c in (j.command for j in joints)
+            for name, j in own
+        ),
+        tuple(
+            ChannelSource(
+                "command",
+                j.command,
+                j.command.factor("position" if targets else "command")
+                * factors.of("command", name),
+            )
+            if j.command
+            else None
+            for name, j in own
         ),
         np.linalg.inv(matrix("position", mapping.coupling.position, n)),
         matrix("torque", mapping.coupling.torque, n),
@@ -172,8 +189,23 @@ def with_angles(table: LogTable, robot: RobotModel) -> LogTable:
     return LogTable(table.source, angles | channels, table.origin, table.findings)
 
 
-def _source(quantity: Quantity, column: ColumnMap, angle: bool = False) -> ChannelSource:
-    return ChannelSource(quantity, column, column.factor(quantity), angle)
+def _source(
+    quantity: Quantity, column: ColumnMap, angle: bool = False, scale: float = 1.0
+) -> ChannelSource:
+    return ChannelSource(quantity, column, column.factor(quantity) * scale, angle)
+
+
+def _ordered(mapping: Map, names: Sequence[str]) -> list[Joint]:
+    """The columns of joints in their order, after the swaps of a map."""
+    joints = mapping.joints
+    for what in ("position", "velocity", "command"):
+        swaps = getattr(mapping.order, what)
+        for joint in {*swaps, *swaps.values()} - set(names):
+            known = f"The robot's actuated joints are {', '.join(names)}."
+            raise InvalidInput(f"map: order.{what}", "joints of the robot", joint, known)
+        taken = {joint: getattr(mapping.joints[other], what) for joint, other in swaps.items()}
+        joints = joints | {j: replace(joints[j], **{what: column}) for j, column in taken.items()}
+    return [joints[name] for name in names]
 
 
 def _existing(made: Layout, channels: list[str]) -> Layout:

@@ -258,15 +258,64 @@ class Time:
     column: Name | None = None  # name of the column; None to find it
     unit: TimeUnit | None = None  # None to detect it
     rate: Positive | None = None  # rows per second of files without a time [Hz]
+    scale: Positive = 1.0  # multiplies the times, of a clock that runs too fast or too slowly
 
 
 @config
 class File:
     """The properties of one file."""
 
+    scale: Positive = 1.0  # multiplies the file's times, of a clock that runs wrong
     offset: Number = 0.0  # added to the file's times, to put several files on one clock [s]
     # register to which the stiffness of position servos is proportional, in any unit
     p: Positive | None = None
+
+
+def _nonzero(factor: float) -> float:
+    if factor == 0:
+        raise ValueError("a number other than 0")
+    return factor
+
+
+Factor = Annotated[Number, AfterValidator(_nonzero)] | Unit
+"""A factor of a joint's values, or the unit in which they are."""
+
+PerJoint = Factor | dict[str, Factor]
+"""One for all joints, or some joints' own by name."""
+
+
+@config
+class Factors:
+    """Signs, factors and units of whole logs, besides those of the columns of each joint."""
+
+    position: PerJoint = 1.0
+    velocity: PerJoint = 1.0
+    command: PerJoint = 1.0
+
+    def of(self, quantity: Quantity, joint: str) -> float:
+        """The factor of a joint's position, velocity or command.
+
+        Raises:
+            InvalidInput: the unit does not belong to such a quantity.
+        """
+        given = getattr(self, quantity)
+        value = given.get(joint, 1.0) if isinstance(given, dict) else given
+        if not isinstance(value, str):
+            return float(value)
+        if value not in FACTORS[quantity] or value.startswith("ticks"):
+            known = ", ".join(unit for unit in FACTORS[quantity] if not unit.startswith("ticks"))
+            expected = f"a number, or one of {known}"
+            raise InvalidInput(f"map: factors.{quantity}", expected, value, "Correct map.toml.")
+        return FACTORS[quantity][value]
+
+
+@config
+class Order:
+    """Joints whose columns are swapped: by joint, the one to which its column was assigned."""
+
+    position: dict[str, str] = field(default_factory=dict)
+    velocity: dict[str, str] = field(default_factory=dict)
+    command: dict[str, str] = field(default_factory=dict)
 
 
 Matrix = Annotated[tuple[tuple[Number, ...], ...], Field(min_length=1)]
@@ -324,6 +373,8 @@ class Map:
     coupling: MotorCoupling = field(
         default_factory=MotorCoupling
     )  # coupling of the joints with their motors
+    factors: Factors = field(default_factory=Factors)  # of whole logs
+    order: Order = field(default_factory=Order)  # of columns that are swapped
     vehicle: Vehicle | None = None  # pose and twist, for a vehicle instead of joints
     # commands of a vehicle by the names of its actuators
     actuators: dict[str, ColumnMap] = field(default_factory=dict)

@@ -1,0 +1,524 @@
+"""Causes that concern a whole log of a tree of joints, judged against each other.
+
+"dq/dt is twice the velocity on every joint" can be a clock that runs twice too fast, a unit of the
+velocities or one of the positions. Each hypothesis changes the motion in its own way, and so the
+forces that the model needs for it: a clock and the velocities' unit scale accelerations, the
+positions' unit changes the weight. The hypothesis under which the commands explain the motion best
+is named, with the lines of map.toml that mend it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy
+
+from ...base import Finding, pin
+from ...core import Array, number, positions
+from ...robots import RobotModel
+from . import signals
+from .recordings import Recordings
+
+DEGREES = 180 / np.pi
+AGREES = 0.9  # correlation of a velocity with dq/dt below which they contradict each other
+FACTOR = 0.15  # relative error of a velocity's scale that noise and delay do not explain
+_ALIKE = 0.06  # spread of factors that one cause explains
+_ROWS = 800  # at most, for the model's forces
+_BAND = 4.0  # cut-off over the frequency below which 99 % of the positions' power lies
+_DELAYS = (0.0, 0.01, 0.02, 0.04, 0.08, 0.16)  # of commands, common to all joints [s]
+_EXACT = 0.005  # relative error of forces below which hypotheses are equally good
+_CLEAR = 0.8  # ratio of two hypotheses' errors below which the better one is certain
+_REVERSED = 0.85  # ratio of errors with −u and u below which the command is reversed
+_EXPLAINED = 0.9  # share of a command left unexplained above which its sign is not judged
+_UNLIKELY = 0.2  # handicap [log of the error] of a hypothesis that needs an unusual number
+UNITS = {  # positions over velocities, by the unit that was not stated
+    DEGREES: ("position", "deg", "the positions are in degrees"),
+    1 / DEGREES: ("velocity", "deg/s", "the velocities are in deg/s"),
+    2 * np.pi / 60: ("velocity", "rpm", "the velocities are in rpm"),
+    1 / (2 * np.pi): ("position", "turns", "the positions are in turns"),
+    2 * np.pi: ("velocity", "turns/s", "the velocities are in turns/s"),
+}
+
+
+@dataclass(frozen=True)
+class Motion:
+    """All segments in one piece, low-passed alike.
+
+    Attributes:
+        q: (N, n) positions.
+        slopes: (N, n) their derivatives.
+        v: (N, n) velocities.
+        a: (N, n) derivatives of the velocities.
+        u: (N, n_u) commands.
+        usable: (N, n) whether a row may be used.
+        file: (N,) name of the file of each row.
+        segment: (N,) number of the segment of each row.
+        rate: rows per second [Hz].
+    """
+
+    q: Array
+    slopes: Array
+    v: Array
+    a: Array
+    u: Array
+    usable: np.ndarray
+    file: np.ndarray
+    segment: np.ndarray
+    rate: float
+
+    def part(self, rows: np.ndarray) -> Motion:
+        """The motion of some rows, as a mask or a slice."""
+        own = {k: x[rows] for k, x in vars(self).items() if k != "rate"}
+        return replace(self, **own)
+
+
+def motion_of(recordings: Recordings, scale: float = 4.0) -> Motion:
+    """The motion, filtered at a multiple of the frequency of the positions themselves.
+
+    The band follows the log's own clock, right or wrong. `scale` is the multiple.
+    """
+    rate = recordings.rate
+    logs = [segment.log for segment in recordings.segments]
+    cut = min(max(scale * _frequency([log.q for log in logs], rate), 20 / _longest(logs)), rate / 5)
+    parts = []
+    for number_, segment in enumerate(recordings.segments):
+        _, q, v, u = segment.log
+        slopes = v if q.shape[1] != v.shape[1] else np.gradient(q, 1 / rate, axis=0)
+        soft = [signals.low_pass(x, cut / (0.5 * rate)) for x in (slopes, v, u)]
+        a = np.gradient(soft[1], 1 / rate, axis=0)
+        of = np.full(len(q), segment.source), np.full(len(q), number_)
+        parts.append((q, *soft[:2], a, soft[2], segment.usable, *of))
+    return Motion(*(np.concatenate(part) for part in zip(*parts, strict=True)), rate)
+
+
+def _longest(logs: Sequence[Any]) -> float:
+    return max(float(log.t[-1] - log.t[0]) for log in logs)
+
+
+def _frequency(paths: Sequence[Array], rate: float) -> float:
+    """The largest frequency, over the coordinates, below which 99 % of their power lies [Hz]."""
+    q = max(paths, key=len)
+    window = np.hanning(len(q))[:, None]
+    power = np.abs(np.fft.rfft(scipy.signal.detrend(q, axis=0) * window, axis=0)) ** 2
+    share = np.cumsum(power, axis=0) / np.maximum(power.sum(axis=0), 1e-300)
+    bins = np.array([np.searchsorted(column, 0.99) for column in share.T])
+    return float(np.median(bins) * rate / len(q))
+
+
+# -- hypotheses -----------------------------------------------------------------------------------
+
+
+class Cause(NamedTuple):
+    """A hypothesis about the whole log, or some of its joints or files."""
+
+    code: str  # of the finding
+    text: str  # what it says is wrong
+    changes: dict[str, object]  # values of map.toml that mend it, by table and key
+    apply: Callable[[Motion], Motion]  # the motion as it would have been
+    handicap: float = 0.0  # added to the logarithm of its error
+
+
+class Judged(NamedTuple):
+    """A hypothesis and what the commands say about it."""
+
+    cause: Cause
+    error: float  # geometric mean of the commands' relative errors, NaN without a model
+
+
+def ranked(causes: Sequence[Cause], motion: Motion, robot: RobotModel) -> list[Judged]:
+    """The hypotheses, the likeliest first."""
+    judged = [Judged(cause, misfit(robot, cause.apply(motion))) for cause in causes]
+    return sorted(judged, key=lambda one: _surprise(one))
+
+
+def _surprise(one: Judged) -> float:
+    return (0.0 if np.isnan(one.error) else np.log(one.error)) + one.cause.handicap
+
+
+def finding_of(judged: Sequence[Judged], where: str, data: dict[str, object]) -> Finding:
+    """The first of ranked hypotheses as a refusal, with the evidence and the runner-up."""
+    best = judged[0]
+    text = best.cause.text
+    others = [one for one in judged[1:] if not np.isnan(one.error)]
+    if others and not np.isnan(best.error):
+        against = ", ".join(f"{100 * one.error:.2g} % if {one.cause.text}" for one in others[:3])
+        text += f" (the commands then fit the model with {100 * best.error:.2g} % error; {against})"
+    if len(judged) > 1 and _surprise(judged[1]) - _surprise(best) < -np.log(_CLEAR):
+        text += f"; or {judged[1].cause.text}, which the log does not tell apart"
+    remedy = remedy_of(best.cause.changes)
+    return Finding("refusal", best.cause.code, where, text, remedy, {**data, "map": best.cause.changes})
+
+
+def remedy_of(changes: dict[str, object]) -> str:
+    """The lines of map.toml that make changes, as a sentence."""
+    from .remedies import line_of
+
+    if not changes:
+        return "Correct map.toml."
+    lines = "; ".join(f"`[{table}]` `{line_of(key, value)}`" for table, key, value in _split(changes))
+    return f"Set {lines} in map.toml, or run with --fix."
+
+
+def _split(changes: dict[str, object]) -> list[tuple[str, str, object]]:
+    return [(*name.rsplit(".", 1), value) for name, value in changes.items()]  # type: ignore[misc]
+
+
+# -- commands against the model -------------------------------------------------------------------
+
+
+def forces_of(robot: RobotModel, motion: Motion, gravity: Array | None = None) -> tuple[Array, Array]:
+    """(N, n) weight and (N, n) inertial forces of the model's links along a motion."""
+    model = robot.model
+    if gravity is not None:
+        model = pin.Model(model)
+        model.gravity = pin.Motion(gravity, np.zeros(3))
+    data = model.createData()
+    whole = np.empty(motion.v.shape)
+    weight = np.empty(motion.v.shape)
+    rows = zip(positions(model, motion.q), motion.v, motion.a, strict=True)
+    for k, (q, v, a) in enumerate(rows):
+        whole[k] = pin.rnea(model, data, q, v, a)
+        weight[k] = pin.computeGeneralizedGravity(model, data, q)
+    return weight, whole - weight
+
+
+def thinned(motion: Motion) -> tuple[np.ndarray, Motion]:
+    """At most so many rows that the model's forces take little time, and their motion."""
+    rows = np.arange(0, len(motion.q), max(1, len(motion.q) // _ROWS))
+    return rows, motion.part(rows)
+
+
+def late(motion: Motion, joint: int, delay: float, rows: np.ndarray) -> Array:
+    """Commands (k,) of a joint that act after a delay [s], at some rows (k,)."""
+    before = np.maximum(rows - round(delay * motion.rate), 0)
+    before = np.where(motion.segment[before] == motion.segment[rows], before, rows)
+    return np.asarray(motion.u[before, joint])
+
+
+def columns_of(motion: Motion, joint: int) -> list[Array]:
+    """Acceleration, velocity and direction (N,) of a joint: rotor and friction."""
+    v = motion.v[:, joint]
+    size = max(float(np.sqrt(np.mean(v**2))), 1e-12)
+    return [motion.a[:, joint], v, np.tanh(v / (0.1 * size))]
+
+
+class Explained:
+    """Least squares of commands by a constant, columns times positive numbers, and free columns."""
+
+    def __init__(self, columns: Sequence[Array], free: Sequence[Array] = ()):
+        X = np.column_stack([*columns, *free, *(-x for x in free)])
+        X = X - X.mean(axis=0)
+        size = np.sqrt(np.mean(X**2, axis=0))
+        self._Q, self._R = np.linalg.qr(X[:, size > 0] / size[size > 0])
+
+    def error(self, u: Array, sign: int) -> float:
+        """What is left of sign · u (N,), as a share of its deviation."""
+        y = u - u.mean()
+        total = float(np.sqrt(np.sum(y**2)))
+        if total <= 0:
+            return np.nan
+        along = self._Q.T @ (y / total)
+        left = scipy.optimize.nnls(self._R, sign * along)[1]
+        return float(np.sqrt(max(1 - along @ along + left**2, 0.0)))
+
+
+def driven_joints(robot: RobotModel, motion: Motion) -> list[int]:
+    """Joints with a motor, a command that changes, and enough rows."""
+    return [
+        j
+        for j, name in enumerate(robot.joints)
+        if name not in robot.passive and motion.usable[:, j].sum() > 50 and np.ptp(motion.u[:, j]) > 0
+    ]
+
+
+def misfit(robot: RobotModel, motion: Motion) -> float:
+    """Geometric mean, over the joints, of the commands' errors under the model's links.
+
+    A command may have any gain, sign and constant, and the joint friction and a rotor. The ratio of
+    weight and inertia is the model's. NaN of a robot without masses, or if nothing moves.
+    """
+    if robot.weightless:
+        return np.nan
+    joints = driven_joints(robot, motion)
+    if not joints:
+        return np.nan
+    rows, few = thinned(motion)
+    weight, inertia = forces_of(robot, few)
+    force = weight + inertia
+    errors = np.full((len(_DELAYS), len(joints)), np.nan)
+    for k, j in enumerate(joints):
+        use = few.usable[:, j]
+        model = Explained([x[use] for x in (force[:, j], *columns_of(few, j))])
+        for d, delay in enumerate(_DELAYS):
+            u = late(motion, j, delay, rows[use])
+            errors[d, k] = min(model.error(u, 1), model.error(u, -1))
+    if np.isnan(errors).all():
+        return np.nan
+    return float(np.exp(np.nanmean(np.log(np.maximum(errors, _EXACT)), axis=1).min()))
+
+
+# -- velocities against positions -----------------------------------------------------------------
+
+
+def velocity_causes(
+    motion: Motion, robot: RobotModel, measured: Sequence[int]
+) -> tuple[list[Finding], Motion]:
+    """Contradictions of velocities and dq/dt, one finding for each cause, and the mended motion.
+
+    `measured` are the joints with a velocity of their own that move.
+    """
+    found = []
+    for finding, motion in _clocks_of_files(motion, robot, measured):  # noqa: B020
+        found.append(finding)
+    measured = [j for j in measured if np.ptp(motion.q[:, j]) > 1e-9 and np.std(motion.v[:, j]) > 0]
+    order = _order(motion, measured)
+    if moved := [j for j in measured if order[j] != j]:
+        judged = ranked(_orders(robot, moved, order), motion, robot)
+        names = [robot.joints[j] for j in moved]
+        found.append(finding_of(judged, ", ".join(names), {"joints": names}))
+        motion = judged[0].cause.apply(motion)
+    together, factors = _relation(motion)
+    for j in [j for j in measured if abs(together[j]) < AGREES]:
+        level = "refusal" if abs(together[j]) < 0.5 else "warning"
+        text = f"the velocity hardly correlates with dq/dt (correlation {together[j]:.2f})"
+        remedy = "Check which column is its velocity; leave it out to differentiate the position."
+        data = {"factor": float(factors[j]), "correlation": float(together[j])}
+        found.append(Finding(level, "velocity_mismatch", robot.joints[j], text, remedy, data))
+    measured = [j for j in measured if abs(together[j]) >= AGREES]
+    for _ in measured:
+        _, factors = _relation(motion)
+        group = _largest_group(factors, measured)
+        if not group:
+            break
+        factor = nice(float(np.median(factors[group])))
+        shared = len(measured) > 1 and _common(factors, measured, group)
+        judged = ranked(_scales(robot, group, factor, shared), motion, robot)
+        names = [robot.joints[j] for j in group]
+        data = {"factor": float(np.median(factors[group])), "joints": names}
+        found.append(finding_of(judged, "" if shared else ", ".join(names), data))
+        motion = judged[0].cause.apply(motion)
+    return found, motion
+
+
+def _relation(motion: Motion) -> tuple[Array, Array]:
+    """(n,) correlations of dq/dt with the velocities, and (n,) their ratios, noise in both alike."""
+    together = np.diag(correlation(motion.slopes, motion.v))
+    sizes = [np.std(x, axis=0) for x in (motion.slopes, motion.v)]
+    return together, np.sign(together) * sizes[0] / np.maximum(sizes[1], 1e-300)
+
+
+def correlation(a: Array, b: Array) -> Array:
+    """(k, l) correlation of columns of a (N, k) with columns of b (N, l); 0 for constant ones."""
+    centred = [x - x.mean(axis=0) for x in (a, b)]
+    sizes = [np.linalg.norm(x, axis=0) for x in centred]
+    dot = centred[0].T @ centred[1]
+    scale = np.outer(*sizes)
+    return np.divide(dot, scale, out=np.zeros_like(dot), where=scale > 0)
+
+
+def nice(factor: float) -> float:
+    """A factor, or the number of two digits or the ratio of small numbers that is within 1 %."""
+    size = abs(factor)
+    decade = 10.0 ** np.floor(np.log10(size))
+    options = [decade * p / q for p, q in product(range(1, 11), (1, 2, 3, 4, 5, 10))]
+    options += [unit for unit in UNITS]
+    best = min(options, key=lambda x: abs(np.log(x / size)))
+    if abs(np.log(best / size)) > 0.01:
+        best = float(f"{size:.3g}")
+    return float(np.sign(factor) * best)
+
+
+def _largest_group(factors: Array, measured: Sequence[int]) -> list[int]:
+    """The most joints whose factors are alike and not 1."""
+    wrong = [j for j in measured if abs(factors[j] - 1) > FACTOR]
+    groups = [[i for i in wrong if abs(factors[i] / factors[j] - 1) < _ALIKE] for j in wrong]
+    return max(groups, key=len, default=[])
+
+
+def _common(factors: Array, measured: Sequence[int], group: Sequence[int]) -> bool:
+    """Whether a cause of all joints explains a group's factor: no other joint is right."""
+    right = [j for j in measured if abs(factors[j] - 1) <= FACTOR]
+    return not right and 3 * len(group) >= 2 * len(measured)
+
+
+def _clocks_of_files(motion: Motion, robot: RobotModel, measured: Sequence[int]):
+    """Findings about files whose clock differs from that of others, each with the mended motion."""
+    files = list(dict.fromkeys(motion.file.tolist()))
+    if len(files) < 2 or len(measured) < 2:
+        return
+    factors = {}
+    for file in files:
+        together, own = _relation(motion.part(motion.file == file))
+        good = [j for j in measured if together[j] > AGREES]
+        alike = good and np.ptp(np.log(own[good])) < 2 * _ALIKE
+        if not alike:
+            return
+        factors[file] = float(np.median(own[good]))
+    if max(factors.values()) < (1 + FACTOR) * min(factors.values()):
+        return
+    for file, factor in factors.items():
+        if abs(factor - 1) > FACTOR:
+            cause = _clock(nice(factor), file)
+            motion = cause.apply(motion)
+            data = {"factor": factor, "map": cause.changes, "factors": factors}
+            text = f"{cause.text}; those of other files do not"
+            remedy = remedy_of(cause.changes)
+            yield Finding("refusal", "clock", file, text, remedy, data), motion
+
+
+def _clock(factor: float, file: str = "") -> Cause:
+    """A clock on which time passes too fast or too slowly, of all files or one."""
+
+    def apply(motion: Motion) -> Motion:
+        rows = np.full(len(motion.q), not file) | (motion.file == file)
+        scale = np.where(rows, factor, 1.0)[:, None]
+        own = {"slopes": motion.slopes / scale, "a": motion.a / scale}
+        return replace(motion, **own, rate=motion.rate / (1.0 if file else factor))
+
+    table = f'files."{file}"' if file else "time"
+    how = f"{number(factor, significant=3)} times too fast"
+    if factor < 1:
+        how = f"{number(1 / factor, significant=3)} times too slowly"
+    text = f"the clock runs {how}: dq/dt is {number(factor, significant=3)} times the velocity"
+    return Cause("clock", text, {f"{table}.scale": factor}, apply)
+
+
+def _scaled(what: str, joints: Sequence[int], factor: float) -> Callable[[Motion], Motion]:
+    """The motion with positions or velocities of some joints multiplied by a factor."""
+
+    def apply(motion: Motion) -> Motion:
+        scale = np.ones(motion.v.shape[1])
+        scale[list(joints)] = factor
+        if what == "position":
+            return replace(motion, q=motion.q * scale, slopes=motion.slopes * scale)
+        return replace(motion, v=motion.v * scale, a=motion.a * scale)
+
+    return apply
+
+
+def _of(robot: RobotModel, joints: Sequence[int], value: object) -> object:
+    """A value of the map for all joints, or for some by name."""
+    if len(joints) == len(robot.joints):
+        return value
+    return {robot.joints[j]: value for j in joints}
+
+
+def _scales(robot: RobotModel, group: Sequence[int], factor: float, shared: bool) -> list[Cause]:
+    """Hypotheses that explain dq/dt = factor · velocity on a group of joints."""
+    ratio = f"dq/dt is {number(factor, significant=3)} times the velocity"
+    on = "" if len(group) == 1 else f" on all {len(group)} joints"
+    causes = []
+    known = ""
+    for value, (what, unit, words) in UNITS.items():
+        if abs(factor / value - 1) < FACTOR:
+            known = what
+            code = "degrees" if unit.startswith("deg") else "velocity_mismatch"
+            si = "the velocities in rad/s" if what == "position" else "the positions in rad"
+            text = f"{words} and {si}: {ratio}{on}"
+            apply = _scaled(what, group, 1 / value if what == "position" else value)
+            causes.append(Cause(code, text, {f"factors.{what}": _of(robot, group, unit)}, apply))
+    for what, value in (("velocity", factor), ("position", 1 / factor)):
+        if what == known:
+            continue
+        changes = {f"factors.{what}": _of(robot, group, float(f"{value:.6g}"))}
+        words = "velocities" if what == "velocity" else "positions"
+        text = f"the {words} have the opposite sign{on}: {ratio}"
+        if abs(factor + 1) > FACTOR:
+            text = f"the {words} have another unit or gear ratio{on}: {ratio}"
+        unusual = _UNLIKELY * (2 * bool(known) + (what == "position"))
+        apply = _scaled(what, group, value)
+        causes.append(Cause("velocity_mismatch", text, changes, apply, unusual))
+    if shared and factor > 0:
+        clock = _clock(factor)
+        causes.append(clock._replace(text=clock.text + on, handicap=-_UNLIKELY * (1 - 4 * bool(known))))
+    return causes
+
+
+def _order(motion: Motion, measured: Sequence[int]) -> dict[int, int]:
+    """The joint whose velocity is that of each position: itself unless another's fits far better."""
+    joints = list(measured)
+    together = np.abs(correlation(motion.slopes[:, joints], motion.v[:, joints]))
+    own = dict(zip(joints, joints, strict=True))
+    if len(joints) < 2:
+        return own
+    rows, best = scipy.optimize.linear_sum_assignment(-together)
+    for j, i in zip(rows.tolist(), best.tolist(), strict=True):
+        if i != j and together[j, j] < 0.7 and together[j, i] > AGREES:
+            own[joints[j]] = joints[i]
+    return own if sorted(own.values()) == sorted(joints) else dict(zip(joints, joints, strict=True))
+
+
+def _orders(robot: RobotModel, moved: Sequence[int], order: dict[int, int]) -> list[Cause]:
+    """Hypotheses about positions and velocities in different orders."""
+    names = ", ".join(f"{robot.joints[j]} the velocity of {robot.joints[order[j]]}" for j in moved)
+    text = f"columns are swapped: dq/dt of one joint correlates with another's velocity ({names})"
+    causes = []
+    for what in ("velocity", "position"):
+        pairs = {j: order[j] for j in moved}
+        if what == "position":
+            pairs = {i: j for j, i in pairs.items()}
+
+        def apply(motion: Motion, what: str = what, pairs: dict[int, int] = pairs) -> Motion:
+            index = np.array([pairs.get(j, j) for j in range(motion.v.shape[1])])
+            if what == "position":
+                return replace(motion, q=motion.q[:, index], slopes=motion.slopes[:, index])
+            return replace(motion, v=motion.v[:, index], a=motion.a[:, index])
+
+        value = {robot.joints[j]: robot.joints[i] for j, i in pairs.items()}
+        whose = {"velocity": "those of the velocities", "position": "those of the positions"}[what]
+        causes.append(Cause("swapped_columns", f"{text}, {whose}", {f"order.{what}": value}, apply))
+    return causes
+
+
+# -- signs and order of the commands --------------------------------------------------------------
+
+
+def command_causes(motion: Motion, robot: RobotModel) -> tuple[list[Finding], Motion]:
+    """Commands or axes of the wrong sign, and a base in another pose: at most one finding.
+
+    Whether a motor drives its joint is seen by friction and inertia, which a wrong mass or pose of
+    the base does not reverse. All joints are judged at once.
+    """
+    joints = driven_joints(robot, motion)
+    if not joints:
+        return [], motion
+    rows, few = thinned(motion)
+    weight, inertia = forces_of(robot, few)
+    reversed_ = []
+    for j in joints:
+        use = few.usable[:, j]
+        own = [x[use] for x in (inertia[:, j], *columns_of(few, j))]
+        models = Explained([weight[use, j], *own]), Explained(own, [weight[use, j]])
+        u = [late(motion, j, delay, rows[use]) for delay in _DELAYS]
+        errors = [[min(model.error(x, sign) for x in u) for sign in (1, -1)] for model in models]
+        (right, wrong), (drives, brakes) = errors
+        if wrong < min(_REVERSED * right, _EXPLAINED) and brakes < 0.97 * drives:
+            reversed_.append(j)
+    if not reversed_:
+        return [], motion
+    names = [robot.joints[j] for j in reversed_]
+    all_ = len(names) == len(joints)
+    who = f"all {len(joints)} joints" if all_ and len(joints) > 1 else ", ".join(names)
+
+    def flipped(own: Motion) -> Motion:
+        u = own.u.copy()
+        u[:, reversed_] *= -1
+        return replace(own, u=u)
+
+    def mirrored(own: Motion) -> Motion:
+        return _scaled("position", reversed_, -1.0)(_scaled("velocity", reversed_, -1.0)(own))
+
+    text = f"the commands of {who} are reversed: friction and inertia would have to drive the motion"
+    value = _of(robot, reversed_ if not all_ else range(len(robot.joints)), -1)
+    axes = {f"factors.{what}": value for what in ("position", "velocity")}
+    causes = [
+        Cause("reversed_sign", text, {"factors.command": value}, flipped),
+        Cause("reversed_sign", f"the axes of {who} are reversed", axes, mirrored, -np.log(_CLEAR)),
+    ]
+    judged = ranked(causes, motion, robot)
+    finding = finding_of(judged, "" if all_ else ", ".join(names), {"joints": names})
+    return [finding], judged[0].cause.apply(motion)
