@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -126,8 +127,9 @@ def _arm(rng: Any, seed: int, kind: str, robot: str, files: int) -> tuple[list[T
     lock = tuple(_fingers(first)[:1])
     names = [name for name in joint_names(first.setup) if name not in _fingers(first)]
     model = with_wrong_masses(urdf, rng, MASSES)
+    sliding = {j.get("name") for j in ElementTree.fromstring(urdf).iter("joint") if j.get("type") == "prismatic"}
     own = {"model": model, "map": "", "lock": lock, "names": names, "simulated": first}
-    return tables, own
+    return tables, own | {"turning": [name for name in names if name not in sliding] or names}
 
 
 def _joints(rng: Any, own: dict, least: int = 1, most: int | None = None) -> list[str]:
@@ -142,6 +144,11 @@ def _times(tables: list[Table], joints: list[str], what: str, factor: float) -> 
         for name in joints:
             if f"{name}_{what}" in table:
                 table[f"{name}_{what}"] = factor * table[f"{name}_{what}"]
+
+
+def _turning(rng: Any, own: dict) -> list[str]:
+    """All joints that turn, or one of them."""
+    return own["turning"] if rng.random() < 0.7 else [str(rng.choice(own["turning"]))]
 
 
 def _healthy(rng: Any, tables: list[Table], own: dict) -> Change:
@@ -192,26 +199,33 @@ def _reversed_axes(rng: Any, tables: list[Table], own: dict) -> Change:
     return Change(("reversed_sign",), (), f"positions and velocities of {joints} negated")
 
 
+def _reversed_joints(rng: Any, tables: list[Table], own: dict) -> Change:
+    joints = _joints(rng, own)
+    for what in ("position", "velocity", "current"):
+        _times(tables, joints, what, -1.0)
+    return Change(("reversed_sign",), ("axes",), f"positions, velocities, commands of {joints} negated")
+
+
 def _degrees_of_positions(rng: Any, tables: list[Table], own: dict) -> Change:
-    joints = own["names"] if rng.random() < 0.7 else _joints(rng, own, 1, 1)
+    joints = _turning(rng, own)
     _times(tables, joints, "position", _DEGREES)
     return Change(("degrees",), ("position",), f"positions of {joints} in degrees")
 
 
 def _degrees_of_velocities(rng: Any, tables: list[Table], own: dict) -> Change:
-    joints = own["names"] if rng.random() < 0.7 else _joints(rng, own, 1, 1)
+    joints = _turning(rng, own)
     _times(tables, joints, "velocity", _DEGREES)
     return Change(("degrees",), ("velocit",), f"velocities of {joints} in deg/s")
 
 
 def _degrees(rng: Any, tables: list[Table], own: dict) -> Change:
-    _times(tables, own["names"], "position", _DEGREES)
-    _times(tables, own["names"], "velocity", _DEGREES)
-    return Change(("degrees",), (), "all in degrees")
+    _times(tables, own["turning"], "position", _DEGREES)
+    _times(tables, own["turning"], "velocity", _DEGREES)
+    return Change(("degrees",), (), f"{own['turning']} in degrees")
 
 
 def _unit_of_velocities(rng: Any, tables: list[Table], own: dict) -> Change:
-    joints = own["names"] if rng.random() < 0.5 else _joints(rng, own)
+    joints = _turning(rng, own)
     _times(tables, joints, "velocity", 60 / (2 * np.pi))
     return Change(("velocity_mismatch",), ("velocit",), f"velocities of {joints} in rpm")
 
@@ -249,6 +263,7 @@ ARM_KINDS: dict[str, Callable[[Any, list[Table], dict], Change]] = {
     "reversed velocities": _reversed_velocities,
     "reversed positions": _reversed_positions,
     "reversed axes": _reversed_axes,
+    "reversed joints": _reversed_joints,
     "degrees": _degrees,
     "degrees of positions": _degrees_of_positions,
     "degrees of velocities": _degrees_of_velocities,

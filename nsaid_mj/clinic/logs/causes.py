@@ -22,18 +22,29 @@ from ...core import Array, number, positions
 from ...robots import RobotModel
 from . import signals
 from .recordings import Recordings
+from .remedies import remedy_of
 
 DEGREES = 180 / np.pi
 AGREES = 0.9  # correlation of a velocity with dq/dt below which they contradict each other
 FACTOR = 0.15  # relative error of a velocity's scale that noise and delay do not explain
+_SAME = 0.3  # relative error of a velocity below which it is that of a position
 _ALIKE = 0.06  # spread of factors that one cause explains
 _ROWS = 800  # at most, for the model's forces
 _BAND = 4.0  # cut-off over the frequency below which 99 % of the positions' power lies
 _DELAYS = (0.0, 0.01, 0.02, 0.04, 0.08, 0.16)  # of commands, common to all joints [s]
 _EXACT = 0.005  # relative error of forces below which hypotheses are equally good
-_CLEAR = 0.8  # ratio of two hypotheses' errors below which the better one is certain
-_REVERSED = 0.85  # ratio of errors with −u and u below which the command is reversed
-_EXPLAINED = 0.9  # share of a command left unexplained above which its sign is not judged
+CLEAR = 0.8  # ratio of two hypotheses' errors below which the better one is certain
+_CLEARLY = 0.5  # ratio of the errors of two signs of a command below which one is certain
+_EXPLAINED = 0.6  # share of a command left unexplained above which its sign is not certain
+_DISSIPATES = 0.97  # such a ratio where weight may have any sign
+_LIKELY = 0.9  # such a ratio of a joint beside joints whose sign is certain
+_SWAPPED = 0.5  # ratio of errors below which another joint's command fits better
+_FITS = 0.05  # error of the commands up to which axes and base are not doubted
+_BETTER = 0.7  # product of the joints' ratios of errors below which one more axis is turned
+_TURNED = 0.2  # such a product below which a turned axis or base is certain
+_OUTSIDE = 2.0  # factor of the error of a joint that leaves the model's limits
+_PARSIMONY = 0.4  # handicap [log of the error] of a command of the other sign
+_OTHER_BASES = np.array([[0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, -1.0]])
 _UNLIKELY = 0.2  # handicap [log of the error] of a hypothesis that needs an unusual number
 UNITS = {  # positions over velocities, by the unit that was not stated
     DEGREES: ("position", "deg", "the positions are in degrees"),
@@ -109,6 +120,23 @@ def _frequency(paths: Sequence[Array], rate: float) -> float:
     return float(np.median(bins) * rate / len(q))
 
 
+def limits(robot: RobotModel, name: str) -> tuple[float, float, float]:
+    """Lowest and highest position and largest speed of a joint; infinite without a limit."""
+    model = robot.model
+    joint = model.joints[model.getJointId(name)]
+    if joint.nq != 1:
+        return -np.inf, np.inf, 6.0
+    low = float(model.lowerPositionLimit[joint.idx_q])
+    high = float(model.upperPositionLimit[joint.idx_q])
+    fastest = float(model.velocityLimit[joint.idx_v])
+    bounded = high > low and high - low < 1e3
+    return (
+        low if bounded else -np.inf,
+        high if bounded else np.inf,
+        fastest if 0 < fastest < 1e3 else 6.0,
+    )
+
+
 # -- hypotheses -----------------------------------------------------------------------------------
 
 
@@ -147,24 +175,10 @@ def finding_of(judged: Sequence[Judged], where: str, data: dict[str, object]) ->
     if others and not np.isnan(best.error):
         against = ", ".join(f"{100 * one.error:.2g} % if {one.cause.text}" for one in others[:3])
         text += f" (the commands then fit the model with {100 * best.error:.2g} % error; {against})"
-    if len(judged) > 1 and _surprise(judged[1]) - _surprise(best) < -np.log(_CLEAR):
+    if len(judged) > 1 and _surprise(judged[1]) - _surprise(best) < -np.log(CLEAR):
         text += f"; or {judged[1].cause.text}, which the log does not tell apart"
     remedy = remedy_of(best.cause.changes)
     return Finding("refusal", best.cause.code, where, text, remedy, {**data, "map": best.cause.changes})
-
-
-def remedy_of(changes: dict[str, object]) -> str:
-    """The lines of map.toml that make changes, as a sentence."""
-    from .remedies import line_of
-
-    if not changes:
-        return "Correct map.toml."
-    lines = "; ".join(f"`[{table}]` `{line_of(key, value)}`" for table, key, value in _split(changes))
-    return f"Set {lines} in map.toml, or run with --fix."
-
-
-def _split(changes: dict[str, object]) -> list[tuple[str, str, object]]:
-    return [(*name.rsplit(".", 1), value) for name, value in changes.items()]  # type: ignore[misc]
 
 
 # -- commands against the model -------------------------------------------------------------------
@@ -235,11 +249,17 @@ def driven_joints(robot: RobotModel, motion: Motion) -> list[int]:
     ]
 
 
-def misfit(robot: RobotModel, motion: Motion) -> float:
+def misfit(
+    robot: RobotModel,
+    motion: Motion,
+    handicap: float = _PARSIMONY,
+    gravity: Array | None = None,
+) -> float:
     """Geometric mean, over the joints, of the commands' errors under the model's links.
 
-    A command may have any gain, sign and constant, and the joint friction and a rotor. The ratio of
-    weight and inertia is the model's. NaN of a robot without masses, or if nothing moves.
+    A command may have any gain and constant, its joint friction and a rotor. The ratio of weight
+    and inertia is the model's. A command of the other sign has a `handicap` [log of the error].
+    NaN of a robot without masses, or if nothing moves.
     """
     if robot.weightless:
         return np.nan
@@ -247,15 +267,16 @@ def misfit(robot: RobotModel, motion: Motion) -> float:
     if not joints:
         return np.nan
     rows, few = thinned(motion)
-    weight, inertia = forces_of(robot, few)
+    weight, inertia = forces_of(robot, few, gravity)
     force = weight + inertia
+    turned = np.exp(handicap)
     errors = np.full((len(_DELAYS), len(joints)), np.nan)
     for k, j in enumerate(joints):
         use = few.usable[:, j]
         model = Explained([x[use] for x in (force[:, j], *columns_of(few, j))])
         for d, delay in enumerate(_DELAYS):
             u = late(motion, j, delay, rows[use])
-            errors[d, k] = min(model.error(u, 1), model.error(u, -1))
+            errors[d, k] = min(model.error(u, 1), turned * model.error(u, -1))
     if np.isnan(errors).all():
         return np.nan
     return float(np.exp(np.nanmean(np.log(np.maximum(errors, _EXACT)), axis=1).min()))
@@ -282,7 +303,8 @@ def velocity_causes(
         found.append(finding_of(judged, ", ".join(names), {"joints": names}))
         motion = judged[0].cause.apply(motion)
     together, factors = _relation(motion)
-    for j in [j for j in measured if abs(together[j]) < AGREES]:
+    apart = [j for j in measured if abs(together[j]) < AGREES]
+    for j in apart if not moved else ():
         level = "refusal" if abs(together[j]) < 0.5 else "warning"
         text = f"the velocity hardly correlates with dq/dt (correlation {together[j]:.2f})"
         remedy = "Check which column is its velocity; leave it out to differentiate the position."
@@ -439,17 +461,32 @@ def _scales(robot: RobotModel, group: Sequence[int], factor: float, shared: bool
 
 
 def _order(motion: Motion, measured: Sequence[int]) -> dict[int, int]:
-    """The joint whose velocity is that of each position: itself unless another's fits far better."""
+    """The joint whose velocity is that of each position: itself unless others fit far better."""
     joints = list(measured)
-    together = np.abs(correlation(motion.slopes[:, joints], motion.v[:, joints]))
-    own = dict(zip(joints, joints, strict=True))
+    own = {j: j for j in joints}
     if len(joints) < 2:
         return own
-    rows, best = scipy.optimize.linear_sum_assignment(-together)
-    for j, i in zip(rows.tolist(), best.tolist(), strict=True):
-        if i != j and together[j, j] < 0.7 and together[j, i] > AGREES:
-            own[joints[j]] = joints[i]
-    return own if sorted(own.values()) == sorted(joints) else dict(zip(joints, joints, strict=True))
+    slopes = motion.slopes[:, joints]
+    v = motion.v[:, joints]
+    together = np.abs(correlation(slopes, v))
+    own_factors = _relation(motion)[1][joints][np.diag(together) > AGREES]
+    if 2 * len(own_factors) >= len(joints):  # a cause of all joints leaves their order to be seen
+        v = v * np.median(own_factors)
+    both = np.sqrt(np.mean(slopes**2, axis=0))[:, None] + np.sqrt(np.mean(v**2, axis=0))
+    apart = [np.sqrt(np.mean((slopes[:, [k]] - v) ** 2, axis=0)) for k in range(len(joints))]
+    error = 2 * np.array(apart) / np.maximum(both, 1e-300)
+    by_size = scipy.optimize.linear_sum_assignment(np.log(np.maximum(error, 1e-3)))[1].tolist()
+    by_shape = scipy.optimize.linear_sum_assignment(-together)[1].tolist()
+    for cycle in _cycles(by_size):
+        new, old = np.array([(error[a, by_size[a]], error[a, a]) for a in cycle]).T
+        if new.min() < _SAME and (new < 0.5 * old).all():
+            own |= {joints[a]: joints[by_size[a]] for a in cycle}
+    for cycle in _cycles(by_shape):
+        new, old = np.array([(together[a, by_shape[a]], together[a, a]) for a in cycle]).T
+        untouched = all(own[joints[a]] == joints[a] for a in cycle)
+        if untouched and new.max() > AGREES and (old < 0.7).all() and (new > old).all():
+            own |= {joints[a]: joints[by_shape[a]] for a in cycle}
+    return own
 
 
 def _orders(robot: RobotModel, moved: Sequence[int], order: dict[int, int]) -> list[Cause]:
@@ -474,51 +511,249 @@ def _orders(robot: RobotModel, moved: Sequence[int], order: dict[int, int]) -> l
     return causes
 
 
-# -- signs and order of the commands --------------------------------------------------------------
+# -- commands, axes and base against the model ----------------------------------------------------
 
 
-def command_causes(motion: Motion, robot: RobotModel) -> tuple[list[Finding], Motion]:
-    """Commands or axes of the wrong sign, and a base in another pose: at most one finding.
+def command_causes(motion: Motion, robot: RobotModel) -> list[Finding]:
+    """Commands in another order, axes or commands of the wrong sign, a base in another pose.
 
-    Whether a motor drives its joint is seen by friction and inertia, which a wrong mass or pose of
-    the base does not reverse. All joints are judged at once.
+    All joints are judged at once; each cause is one finding.
     """
+    if not driven_joints(robot, motion):
+        return []
+    found = []
+    order = _order_of_commands(motion, robot)
+    if moved := [j for j in order if order[j] != j]:
+        finding, motion = _swapped(motion, robot, moved, order)
+        found.append(finding)
+    turned, motion = _turned(motion, robot)
+    found += turned
+    if not turned:
+        found += _reversed(motion, robot)
+    return found
+
+
+def _errors(robot: RobotModel, motion: Motion, j: int, forces: tuple[Array, Array], u: Sequence[Array]):
+    """Errors of commands u of a joint and of −u, three times (3, 2).
+
+    Weight, inertia and friction act with the signs of the model; weight has any sign; weight and
+    inertia have the model's ratio.
+    """
+    use = motion.usable[:, j]
+    weight, inertia = (x[use, j] for x in forces)
+    own = [x[use] for x in columns_of(motion, j)]
+    models = (
+        Explained([weight, inertia, *own]),
+        Explained([inertia, *own], [weight]),
+        Explained([weight + inertia, *own]),
+    )
+    return np.array([[min(m.error(x, sign) for x in u) for sign in (1, -1)] for m in models])
+
+
+def _order_of_commands(motion: Motion, robot: RobotModel) -> dict[int, int]:
+    """The joint to whose column each driven joint's command belongs: mostly its own."""
     joints = driven_joints(robot, motion)
-    if not joints:
-        return [], motion
     rows, few = thinned(motion)
-    weight, inertia = forces_of(robot, few)
-    reversed_ = []
+    forces = forces_of(robot, few)
+    errors = np.ones((len(joints), len(joints)))
+    for a, j in enumerate(joints):
+        use = few.usable[:, j]
+        own = [x[use] for x in (forces[0][:, j], forces[1][:, j], *columns_of(few, j))]
+        model = Explained(own)
+        for b, c in enumerate(joints):
+            u = [late(motion, c, delay, rows[use]) for delay in _DELAYS]
+            errors[a, b] = max(min(min(model.error(x, s) for x in u) for s in (1, -1)), _EXACT)
+    _, best = scipy.optimize.linear_sum_assignment(np.log(errors))
+    order = dict(zip(joints, joints, strict=True))
+    for cycle in _cycles(best.tolist()):
+        gain = np.log([errors[a, best[a]] / errors[a, a] for a in cycle])
+        if gain.mean() < np.log(_SWAPPED) and gain.max() < 0:
+            order |= {joints[a]: joints[best[a]] for a in cycle}
+    return order
+
+
+def _cycles(order: list[int]) -> list[list[int]]:
+    """The cycles of a permutation that move something."""
+    left = {k for k, to in enumerate(order) if to != k}
+    found = []
+    while left:
+        cycle = [min(left)]
+        while order[cycle[-1]] != cycle[0]:
+            cycle.append(order[cycle[-1]])
+        found.append(cycle)
+        left -= set(cycle)
+    return found
+
+
+def _swapped(
+    motion: Motion, robot: RobotModel, moved: Sequence[int], order: dict[int, int]
+) -> tuple[Finding, Motion]:
+    """The finding of commands that explain another joint's motion, and the motion with them."""
+    names = {robot.joints[j]: robot.joints[order[j]] for j in moved}
+    words = ", ".join(f"{joint} the command of {other}" for joint, other in names.items())
+    index = np.arange(motion.u.shape[1])
+    index[list(moved)] = [order[j] for j in moved]
+    mended = replace(motion, u=motion.u[:, index])
+    before = misfit(robot, motion)
+    after = misfit(robot, mended)
+    text = f"the commands are swapped: the model gives {words}"
+    if not np.isnan(after):
+        text += f" (their error falls from {100 * before:.2g} to {100 * after:.2g} %)"
+    changes: dict[str, object] = {"order.command": names}
+    data = {"columns": names, "joints": list(names), "map": changes}
+    remedy = remedy_of(changes)
+    return Finding("refusal", "swapped", ", ".join(names), text, remedy, data), mended
+
+
+def _turned(motion: Motion, robot: RobotModel) -> tuple[list[Finding], Motion]:
+    """Axes that count against the model's, or a base in another pose, where the model does not fit.
+
+    The axes are turned one after another, while the commands, of any sign, fit far better.
+    """
+    before = misfit(robot, motion, 0.0)
+    if np.isnan(before) or before < _FITS:
+        return [], motion
+    n = len(driven_joints(robot, motion))
+    before = best = before * _OUTSIDE ** (_outside(robot, motion) / n)
+    bases = [(misfit(robot, motion, 0.0, g), g) for g in _OTHER_BASES * _weight(robot)]
+    turned: list[int] = []
+    for start in _starts(robot, motion):
+        error, trial = _with_axes(robot, motion, start, n)
+        if (error / best) ** n < _BETTER:
+            best = error
+            turned = trial
+    own = _mirrored(motion, turned)
+    error, gravity = min(bases, key=lambda one: one[0])
+    if (error / before) ** n < _TURNED and error < best:
+        pull = ", ".join(f"{x:.3g}" for x in gravity)
+        text = f"the base is mounted in another pose than in the model: with gravity ({pull}) m/s² in "
+        text += f"its axes the commands' error falls from {100 * before:.2g} to {100 * error:.2g} %"
+        remedy = "Turn the base, or state gravity, in the model file."
+        data = {"gravity": gravity.tolist()}
+        return [Finding("refusal", "mount", "", text, remedy, data)], motion
+    if not turned or (best / before) ** n > _TURNED:
+        return [], motion
+    names = [robot.joints[j] for j in sorted(turned)]
+    wrong = _wrong_signs(own, robot)
+    text = f"the axes of {', '.join(names)} count against the model's: with them reversed the "
+    text += f"commands' error falls from {100 * before:.2g} to {100 * best:.2g} %"
+    value = {name: -1 for name in names}
+    changes: dict[str, object] = {"factors.position": value, "factors.velocity": value}
+    if wrong:
+        changes["factors.command"] = _of(robot, sorted(wrong), -1)
+    data = {"joints": names, "map": changes}
+    remedy = remedy_of(changes)
+    finding = Finding("refusal", "reversed_sign", ", ".join(names), text, remedy, data)
+    return [finding], own
+
+
+def _starts(robot: RobotModel, motion: Motion) -> list[list[int]]:
+    """Sets of axes from which a search for those that are turned begins."""
+    low = motion.q.min(axis=0)
+    high = motion.q.max(axis=0)
+    beyond = []
+    for j, name in enumerate(robot.joints):
+        least, most, _ = limits(robot, name)
+        inside = least <= -high[j] and -low[j] <= most
+        if inside and not (least <= low[j] and high[j] <= most):
+            beyond.append(j)
+    return [[], list(range(len(robot.joints))), *([beyond] if beyond else [])]
+
+
+def _with_axes(
+    robot: RobotModel, motion: Motion, start: list[int], n: int
+) -> tuple[float, list[int]]:
+    """The least error with axes turned, one more or less at a time, and these axes."""
+    turned = list(start)
+
+    def error(axes: list[int]) -> float:
+        own = _mirrored(motion, axes)
+        return misfit(robot, own, 0.0) * _OUTSIDE ** (_outside(robot, own) / n)
+
+    best = error(turned)
+    for _ in robot.joints:
+        sets = [sorted(set(turned) ^ {j}) for j in range(len(robot.joints))]
+        least, trial = min((error(axes), axes) for axes in sets)
+        if (least / best) ** n > _BETTER:
+            break
+        best = least
+        turned = trial
+    return best, turned
+
+
+def _outside(robot: RobotModel, motion: Motion) -> int:
+    """Number of joints that leave their limits by more than a twentieth of their range."""
+    found = 0
+    for j, name in enumerate(robot.joints):
+        least, most, _ = limits(robot, name)
+        slack = 0.05 * (most - least) if np.isfinite(most - least) else 0.0
+        found += bool((motion.q[:, j] < least - slack).any() or (motion.q[:, j] > most + slack).any())
+    return found
+
+
+def scaled(joints: Sequence[int], factor: float, motion: Motion) -> Motion:
+    """The motion with positions and velocities of some joints multiplied by a factor."""
+    return _scaled("position", joints, factor)(_scaled("velocity", joints, factor)(motion))
+
+
+def _mirrored(motion: Motion, joints: Sequence[int]) -> Motion:
+    """The motion with the axes of some joints reversed."""
+    return scaled(joints, -1.0, motion)
+
+
+def _weight(robot: RobotModel) -> float:
+    return float(np.linalg.norm(robot.model.gravity.linear))
+
+
+def _wrong_signs(motion: Motion, robot: RobotModel) -> list[int]:
+    """Joints whose command has the wrong sign.
+
+    A sign is clear where the model explains one and not the other, and where friction and inertia
+    agree, which a wrong mass or pose of the base does not reverse. Where some are clear, a joint
+    of whose command less is explained follows what speaks for it, or all others.
+    """
+    rows, few = thinned(motion)
+    forces = forces_of(robot, few)
+    clear = []
+    right = []
+    likely = []
+    joints = driven_joints(robot, motion)
     for j in joints:
         use = few.usable[:, j]
-        own = [x[use] for x in (inertia[:, j], *columns_of(few, j))]
-        models = Explained([weight[use, j], *own]), Explained(own, [weight[use, j]])
         u = [late(motion, j, delay, rows[use]) for delay in _DELAYS]
-        errors = [[min(model.error(x, sign) for x in u) for sign in (1, -1)] for model in models]
-        (right, wrong), (drives, brakes) = errors
-        if wrong < min(_REVERSED * right, _EXPLAINED) and brakes < 0.97 * drives:
-            reversed_.append(j)
-    if not reversed_:
-        return [], motion
-    names = [robot.joints[j] for j in reversed_]
-    all_ = len(names) == len(joints)
-    who = f"all {len(joints)} joints" if all_ and len(joints) > 1 else ", ".join(names)
+        (own, turned), (drives, brakes), (whole, wrong) = _errors(robot, few, j, forces, u).tolist()
+        if turned < min(_CLEARLY * own, _EXPLAINED) and brakes < _DISSIPATES * drives:
+            clear.append(j)
+        elif own < min(_CLEARLY * turned, _EXPLAINED):
+            right.append(j)
+        elif wrong < _LIKELY * whole:
+            likely.append(j)
+    if not clear:
+        return []
+    if not right and 2 * len(clear) >= len(joints):
+        return joints
+    return sorted(clear + likely)
 
-    def flipped(own: Motion) -> Motion:
-        u = own.u.copy()
-        u[:, reversed_] *= -1
-        return replace(own, u=u)
 
-    def mirrored(own: Motion) -> Motion:
-        return _scaled("position", reversed_, -1.0)(_scaled("velocity", reversed_, -1.0)(own))
-
-    text = f"the commands of {who} are reversed: friction and inertia would have to drive the motion"
-    value = _of(robot, reversed_ if not all_ else range(len(robot.joints)), -1)
-    axes = {f"factors.{what}": value for what in ("position", "velocity")}
-    causes = [
-        Cause("reversed_sign", text, {"factors.command": value}, flipped),
-        Cause("reversed_sign", f"the axes of {who} are reversed", axes, mirrored, -np.log(_CLEAR)),
-    ]
-    judged = ranked(causes, motion, robot)
-    finding = finding_of(judged, "" if all_ else ", ".join(names), {"joints": names})
-    return [finding], judged[0].cause.apply(motion)
+def _reversed(motion: Motion, robot: RobotModel) -> list[Finding]:
+    """One finding about all commands of the wrong sign."""
+    joints = driven_joints(robot, motion)
+    wrong = _wrong_signs(motion, robot)
+    if not wrong:
+        return []
+    names = [robot.joints[j] for j in wrong]
+    every = len(wrong) == len(joints)
+    who = f"all {len(joints)} joints" if every and len(joints) > 1 else ", ".join(names)
+    text = f"the commands of {who} are reversed: weight, inertia and friction would have to drive "
+    text += "the motion; −u fits the model"
+    u = motion.u.copy()
+    u[:, wrong] *= -1
+    before = misfit(robot, motion)
+    after = misfit(robot, replace(motion, u=u))
+    if not np.isnan(after):
+        text += f" with {100 * after:.2g} % error instead of {100 * before:.2g} %"
+    value = -1 if every else _of(robot, wrong, -1)
+    changes: dict[str, object] = {"factors.command": value}
+    data = {"joints": names, "map": changes}
+    where = "" if every and len(joints) > 1 else ", ".join(names)
+    return [Finding("refusal", "reversed_sign", where, text, remedy_of(changes), data)]

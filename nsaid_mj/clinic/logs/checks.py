@@ -3,6 +3,7 @@
 Reversed or swapped commands and delays need a fit and are not checked here.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,12 +11,24 @@ import numpy as np
 from ...base import Finding, pin, refused
 from ...core import Array, number, positions, rounded, slides
 from ...robots import RobotModel
-from .causes import DEGREES, Motion, command_causes, motion_of, velocity_causes
+from .causes import (
+    CLEAR,
+    DEGREES,
+    Motion,
+    command_causes,
+    limits,
+    misfit,
+    motion_of,
+    scaled,
+    velocity_causes,
+)
+from .remedies import remedy_of
 from .recordings import Recordings
 from .unusable import UnusableLog
 
 SHORT = 5.0  # seconds of usable rows below which a log is warned about or refused
 TOO_SHORT = 1.0
+_DEGREES_APART = 3.0  # range of a position over the model's from which it is in degrees
 _MOVES = 0.05  # share of usable rows below which a joint hardly moves
 _ROWS = 2000  # at most, for the model's torques
 
@@ -70,11 +83,13 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     measured = [j for j, name in names if name not in derived and j not in resting]
     said, motion = velocity_causes(motion, robot, measured)
     found += said
-    reported = {finding.where for finding in found}
+    reported = {name for finding in found for name in finding.where.split(", ")}
     speeds = np.quantile(np.abs(motion.slopes), 0.95, axis=0)
-    found += [f for f in beyond_limits(motion.q, speeds, robot) if f.where not in reported]
-    if not any(f.code == "beyond_limits" for f in found):
-        found += command_causes(motion, robot)[0]
+    beyond = beyond_limits(motion.q, speeds, robot)
+    beyond = [f for f in beyond if f.where not in reported]
+    found += in_degrees(beyond, robot, measured, motion)
+    if not refused(f for f in found if f.code in ("beyond_limits", "degrees")):
+        found += command_causes(motion, robot)
     if not robot.weightless and not refused(found):
         found += _large_commands(motion, recordings, robot)
     return tuple(found)
@@ -134,21 +149,56 @@ def beyond_limits(q: Array, speeds: Array, robot: RobotModel) -> list[Finding]:
     return found
 
 
-def limits(robot: RobotModel, name: str) -> tuple[float, float, float]:
-    """Lowest and highest position and largest speed of a joint; infinite without a limit."""
-    model = robot.model
-    joint = model.joints[model.getJointId(name)]
-    if joint.nq != 1:
-        return -np.inf, np.inf, 6.0
-    low = float(model.lowerPositionLimit[joint.idx_q])
-    high = float(model.upperPositionLimit[joint.idx_q])
-    fastest = float(model.velocityLimit[joint.idx_v])
-    bounded = high > low and high - low < 1e3
-    return (
-        low if bounded else -np.inf,
-        high if bounded else np.inf,
-        fastest if 0 < fastest < 1e3 else 6.0,
-    )
+def in_degrees(
+    found: list[Finding], robot: RobotModel, measured: Sequence[int], motion: Motion
+) -> list[Finding]:
+    """Findings of `beyond_limits`, with one in place of those that take positions for degrees.
+
+    Velocities that are `measured` agree with these positions, and are in degrees, too. Of joints
+    without limits, the commands must fit the model better then.
+    """
+    some = [f for f in found if f.code == "degrees"]
+    limited = [f for f in some if f.level == "refusal"]
+    sure = [f for f in limited if _widths(f) > _DEGREES_APART]
+    if not limited and some:
+        small = scaled([robot.joints.index(f.where) for f in some], 1 / DEGREES, motion)
+        if misfit(robot, small) < CLEAR * misfit(robot, motion):
+            sure = some
+    if not sure:
+        less = "Check offset, sign and the order of joints in map.toml."
+        return [
+            replace(f, level="warning", code="beyond_limits", remedy=less) if f in limited else f
+            for f in found
+        ]
+    names = [f.where for f in some]
+    turning = [n for n, unit in zip(robot.joints, robot.units, strict=True) if unit == "rad"]
+    every = len(turning) == len(robot.joints) and 2 * len(names) >= len(turning)
+    joints = turning if 2 * len(names) >= len(turning) else names
+    value: object = "deg" if every else dict.fromkeys(joints, "deg")
+    changes = {"factors.position": value}
+    fast = [n for n in joints if robot.joints.index(n) in measured]
+    if fast:
+        whole = every and len(fast) == len(robot.joints)
+        changes["factors.velocity"] = "deg/s" if whole else dict.fromkeys(fast, "deg/s")
+    widest = max(limited or some, key=_widths)
+    who = f"the positions of {len(joints)} joints are" if joints[1:] else "the position is"
+    text = f"{who} in degrees: {widest.where if joints[1:] else 'it'} {_reach(widest)}"
+    data = {"joints": joints, "map": changes}
+    remedy = f"{remedy_of(changes)} State `ratio` if they are motor angles, `points` if they are "
+    remedy += "parts of a range, as LeRobot's -100 to 100."
+    where = "" if len(joints) == len(robot.joints) and joints[1:] else ", ".join(joints)
+    rest = [f for f in found if f not in some]
+    return [Finding("refusal", "degrees", where, text, remedy, data), *rest]
+
+
+def _reach(found: Finding) -> str:
+    return found.text.removeprefix("the position ")
+
+
+def _widths(found: Finding) -> float:
+    """The range of a position over that of the model."""
+    (least, most), (low, high) = (found.data[key] for key in ("range", "limits"))  # type: ignore[misc]
+    return float(most - least) / min(high - low, 2 * np.pi)
 
 
 def _large_commands(motion: Motion, recordings: Recordings, robot: RobotModel) -> list[Finding]:

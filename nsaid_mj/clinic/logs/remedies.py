@@ -56,3 +56,15 @@ def _with_line(text: str, table: str, key: str, line: str) -> str:
     own = re.compile(rf"\s*{re.escape(_key(key))}\s*=")
     kept = [one for one in lines[start + 1 : end] if not own.match(one)]
     return "\n".join([*lines[: start + 1], line, *kept, *lines[end:]]) + "\n"
+
+
+def remedy_of(changes: Mapping[str, object]) -> str:
+    """The lines of map.toml that make changes, as a sentence."""
+    if not changes:
+        return "Correct map.toml."
+    tables: dict[str, list[str]] = {}
+    for name, value in changes.items():
+        table, key = name.rsplit(".", 1)
+        tables.setdefault(table, []).append(f"`{line_of(_key(key), value)}`")
+    lines = "; ".join(f"`[{table}]` {' and '.join(own)}" for table, own in tables.items())
+    return f"Set {lines} in map.toml, or run with --fix."
