@@ -22,6 +22,7 @@ from .causes import (
     scaled,
     velocity_causes,
 )
+from .frames import frame_causes
 from .remedies import remedy_of
 from .recordings import Recordings
 from .unusable import UnusableLog
@@ -60,7 +61,7 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
         level = "refusal" if seconds < TOO_SHORT else "warning"
         found.append(Finding(level, "short_log", "", text, remedy, {"seconds": seconds}))
     if not robot.jointed:
-        return tuple(found)
+        return _first_clocks([*found, *frame_causes(recordings, robot)])
     remedy = "Map the column of its position, or leave the joint out with --lock."
     still = _dead("position", motion.q, 1e-9, robot, remedy)
     found += still
@@ -92,7 +93,14 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
         found += command_causes(motion, robot)
     if not robot.weightless and not refused(found):
         found += _large_commands(motion, recordings, robot)
-    return tuple(found)
+    return _first_clocks(found)
+
+
+def _first_clocks(found: list[Finding]) -> tuple[Finding, ...]:
+    """The findings without the length of a log whose clock is wrong."""
+    if not any(finding.code == "clock" for finding in found):
+        return tuple(found)
+    return tuple(finding for finding in found if finding.code != "short_log")
 
 
 def _dead(what: str, x: Array, least: float, robot: RobotModel, remedy: str) -> list[Finding]:

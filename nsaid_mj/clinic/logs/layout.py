@@ -17,8 +17,11 @@ from .mapping import ColumnMap, Joint, Map, Quantity, Vehicle, matrix, si
 from .tables import Channel, LogTable, channel_names
 from .unusable import UnmatchedChannels
 
-_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # NED to ENU
-_FRD = np.diag([1.0, -1.0, -1.0])  # FRD to FLU
+NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+"""(3, 3) from north-east-down to east-north-up."""
+
+FRD = np.diag([1.0, -1.0, -1.0])
+"""(3, 3) from forward-right-down to forward-left-up."""
 
 
 class ChannelSource(NamedTuple):
@@ -85,7 +88,8 @@ class Layout(NamedTuple):
     def quaternion(self) -> tuple[str, ...]:
         """Columns of the orientation: those of the map, or of a run of ours; () without one."""
         if self.vehicle is not None:
-            return tuple(self.vehicle.quaternion or ())
+            count = 4 if self.vehicle.quaternion else 0
+            return tuple(source.column.column for source in self.positions[len(self.positions) - count :])
         if len(self.positions) != len(self.velocities) + 1:
             return ()
         return tuple(source.column.column for source in self.positions[3:7])
@@ -245,18 +249,30 @@ def _of_vehicle(
             remedy = f"The actuators are {', '.join(robot.joints)}."
             raise InvalidInput("map: actuators", "one entry for each", f"no {missing[0]}", remedy)
         parts = [
-            [ColumnMap(column=name) for name in vehicle.pose],
-            [ColumnMap(column=name) for name in twist],
+            [_signed(name, channels) for name in vehicle.pose],
+            [_signed(name, channels) for name in twist],
             [_relative(actuators[name], robot) for name in plain],
         ]
+    if vehicle is not None and vehicle.angular_unit == "deg/s":
+        parts[1][-3:] = [replace(column, unit="deg/s") for column in parts[1][-3:]]
     velocities = tuple(_source("velocity", c) for c in parts[1]) or (None,) * n
     positions = tuple(_source("position", c) for c in parts[0])
     if vehicle is not None and vehicle.euler is not None:
-        degrees = [ColumnMap(column=name, unit="deg") for name in vehicle.euler]
+        degrees = [replace(column, unit="deg") for column in parts[0][-3:]]
         positions = (*positions[:-3], *(_source("position", c, angle=True) for c in degrees))
-    commands = tuple(_source("command", c) for c in parts[2])
+    scales = [mapping.factors.of("command", name) for name in robot.joints]
+    commands = tuple(
+        _source("command", c, scale=scale) for c, scale in zip(parts[2], scales, strict=True)
+    )
     made = Layout(positions, velocities, commands, vehicle=vehicle, assumed=assumed)
     return _existing(made, channels)
+
+
+def _signed(name: str, channels: Sequence[str]) -> ColumnMap:
+    """A column of a vehicle's map, which counts against its axis if `-` stands before its name."""
+    if name.startswith("-") and name not in channels:
+        return ColumnMap(column=name[1:], sign=-1)
+    return ColumnMap(column=name)
 
 
 def _relative(command: ColumnMap, robot: RobotModel) -> ColumnMap:
@@ -303,9 +319,11 @@ def _pose(vehicle: Vehicle, raw: Array) -> Array:
         turns = Rotation.from_euler("ZYX", raw[:, count:][:, ::-1])
     else:
         turns = Rotation.from_quat(raw[:, count:], scalar_first=vehicle.order == "wxyz")
+    if vehicle.inverse:
+        turns = turns.inv()
     if ned:
-        places = places @ _NED.T
-        turns = Rotation.from_matrix(_NED @ turns.as_matrix() @ _FRD)
+        places = places @ NED.T
+        turns = Rotation.from_matrix(NED @ turns.as_matrix() @ FRD)
     quaternions = turns.as_quat()
     return np.column_stack([places, quaternions * continuous_signs(quaternions)[:, None]])
 
@@ -323,11 +341,11 @@ def _twist(vehicle: Vehicle, raw: Array, q: Array) -> Array:
     linear = raw[:, :3]
     angular = raw[:, 3:]
     if vehicle.twist == "world":
-        world = linear @ _NED.T if ned else linear
+        world = linear @ NED.T if ned else linear
         linear = Rotation.from_quat(q[:, 3:]).inv().apply(world)
     elif ned:
-        linear = linear @ _FRD
-    return np.column_stack([linear, angular @ _FRD if ned else angular])
+        linear = linear @ FRD
+    return np.column_stack([linear, angular @ FRD if ned else angular])
 
 
 def pose_velocity(q: Array, rate: float) -> Array:

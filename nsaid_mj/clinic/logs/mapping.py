@@ -332,7 +332,10 @@ class MotorCoupling:
 
 @config
 class Vehicle:
-    """Pose and twist of a vehicle, three or four columns for each part."""
+    """Pose and twist of a vehicle, three or four columns for each part.
+
+    A `-` before a column's name reverses its sign.
+    """
 
     # x, y, z [m], left out to integrate `linear`; x, y and heading [rad] of a vehicle in the plane
     position: Three | None = None
@@ -344,7 +347,9 @@ class Vehicle:
     linear: Three | None = None
     # velocity in the body's axes [rad/s]; None to differentiate the pose
     angular: Three | None = None
+    angular_unit: Literal["rad/s", "deg/s"] = "rad/s"
     order: Literal["xyzw", "wxyz"] = "xyzw"  # order of the quaternion's columns
+    inverse: Flag = False  # whether the orientation is that of the world in the body's axes
     # axes of world and body: north-east-down with forward-right-down, or ours, east-north-up with
     # forward-left-up
     frame: Literal["ENU/FLU", "NED/FRD"] = "ENU/FLU"

@@ -81,7 +81,7 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
             remedy = "Record a motion; check that the columns of the positions are the right ones."
         findings.append(Finding("refusal", "short_log", "", text, remedy))
         raise UnusableLog(tuple(findings))
-    return Recordings(tuple(segments), rate, made.command_units, tuple(findings))
+    return Recordings(tuple(segments), rate, made.command_units, tuple(findings), made.vehicle)
 
 
 def _cleaned(recordings: list[LogTable], made: Layout, findings: list[Finding]) -> list[Cleaned]:
