@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import shlex
+import sys
 from collections.abc import Callable
 from dataclasses import asdict, fields, replace
 from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...base import InvalidInput, numbers_in, print_json, printable, reading, write_json
+from ...base import (
+    InvalidInput,
+    numbers_in,
+    print_json,
+    printable,
+    reading,
+    write_json,
+    write_text,
+)
 from ...lab import check_writable, folder_for_results
 from ...report import EXPLAINED, UNUSABLE, code_of
 from ...robots import asset
@@ -24,6 +33,7 @@ if TYPE_CHECKING:
     from .given import ToIdentify, ToInspect
 
 RESULT = "identification.json"
+FIXED = "map-fixed.toml"
 
 
 def identify_log(chosen: ToIdentify) -> int:
@@ -56,6 +66,8 @@ def _identify(model: str, chosen: ToIdentify, folder: Path) -> int:
     with Progress(Path(model).stem, quiet=quiet) as progress:
         progress.say("reading the model and the log")
         try:
+            if chosen.fix:
+                chosen = _mended(model, chosen, folder, quiet)
             given = servos_of(model, chosen.log, chosen, chosen.map)
             if given is not None:
                 page, files = identify_given(model, given, chosen, folder / RESULT, progress)
@@ -73,6 +85,28 @@ def _identify(model: str, chosen: ToIdentify, folder: Path) -> int:
     elif not chosen.quiet:
         print_page(page, Console(), files)
     return max(code_of(page.result), int(ended))
+
+
+def _mended(model: str, chosen: ToIdentify, folder: Path, quiet: bool) -> ToIdentify:
+    """The arguments with the map that the log's findings ask for, which is written to a folder."""
+    from ..identify.fixing import fix
+    from ..identify.identify import files_of
+    from ..identify.models import load_robot_model
+
+    files, _ = files_of(model, list(chosen.log), None)
+    own = chosen.map or asset(model, "map.toml")
+    text = own.read_text("utf-8") if own.is_file() and (chosen.map or not chosen.log) else ""
+    robot = load_robot_model(model, names_in(chosen.lock), names_in(chosen.joints) or None)
+    found = fix(files, text, robot)
+    if not quiet:
+        print("\n".join(map(printable, found.lines)), file=sys.stderr)
+    if not found.kept:
+        return chosen
+    folder.mkdir(parents=True, exist_ok=True)
+    write_text(folder / FIXED, found.text)
+    if not quiet:
+        print(printable(str(folder / FIXED)), file=sys.stderr)
+    return replace(chosen, map=folder / FIXED)  # pyright: ignore[reportArgumentType]
 
 
 def _identified(model: str, chosen: ToIdentify, folder: Path, progress: Progress) -> Identification:
@@ -95,12 +129,15 @@ def _identified(model: str, chosen: ToIdentify, folder: Path, progress: Progress
     )
 
 
+_OF_OUTPUT = {"packed", "out", "force", "fix", "json", "quiet"}
+
+
 def repeated(chosen: ToIdentify) -> str:
     """The command line of an identification, without the options that affect only its output."""
     words = ["nsaid", "identify", *([chosen.packed] if chosen.packed else [])]
     for field in fields(chosen):
         value = getattr(chosen, field.name)
-        if value == field.default or field.name in {"packed", "out", "force", "json", "quiet"}:
+        if value == field.default or field.name in _OF_OUTPUT:
             continue
         flag = f"--{field.name.replace('_', '-')}"
         several = isinstance(value, tuple)
@@ -231,8 +268,8 @@ def inspect_log(chosen: ToInspect) -> int:
         raise InvalidInput("logs", "one or more files", "none", "Such as `nsaid inspect log.csv`.")
     check_writable(chosen.out)
     check_inspect(chosen)
-    from ...base import write_text
     from ...report import is_own
+    from ..identify.fixing import fix
     from ..identify.identify import files_of
     from ..identify.inspection import inspect
     from ..identify.inspection_page import draw_inspection
@@ -256,12 +293,21 @@ def inspect_log(chosen: ToInspect) -> int:
     with limited_to(chosen.limit * 1e9):
         tables = read_tables(logs, mapping)
     found = inspect(tables, mapping, robot)
+    fixed = None
+    if chosen.fix:
+        if robot is None:
+            raise InvalidInput("--fix", "a model to judge the log by", "none", "Give --model.")
+        fixed = fix(logs, _text_of(chosen.map), robot)
+        found = fixed.after
     with reading(*chosen.logs, chosen.map, chosen.model):
         chosen.out.mkdir(parents=True, exist_ok=True)
         names = chain((PICTURE,), map("inspection-{}.png".format, count(2)))
         paths = (chosen.out / name for name in names)
         files = [draw_inspection(found, next(p for p in paths if not p.exists() or is_own(p)))]
-        if found.robot is not None and mapping is None:
+        if fixed is not None and fixed.kept:
+            files.append(chosen.out / FIXED)
+            write_text(files[-1], fixed.text)
+        elif found.robot is not None and mapping is None:
             text = first_map(found.tables, found.robot)
             names = map("map-new-{}.toml".format, count(2))
             paths = (chosen.out / name for name in chain((MAP, "map-new.toml"), names))
@@ -269,17 +315,23 @@ def inspect_log(chosen: ToInspect) -> int:
             write_text(path, text)
             files.append(path)
     if chosen.json:
-        print_json(document(found))
+        print_json(document(found) | ({"fix": fixed.document()} if fixed else {}))
     else:
         from rich.console import Console
 
         from ..identify.inspection_page import print_inspection
 
         print_inspection(found, Console(highlight=False))
+        for line in fixed.lines if fixed else ():
+            print(printable(line))
         for path in files:
             print(printable(str(path)))
     refused = any(f.level == "refusal" or f.code == "unmatched" for f in found.findings)
     return UNUSABLE if refused else EXPLAINED
+
+
+def _text_of(path: Path | None) -> str:
+    return path.read_text("utf-8") if path else ""
 
 
 def document(found: Inspection) -> dict[str, object]:

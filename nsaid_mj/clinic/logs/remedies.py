@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
+from typing import Any, cast
 
 from ...base import Finding
 
@@ -68,3 +69,50 @@ def remedy_of(changes: Mapping[str, object]) -> str:
         tables.setdefault(table, []).append(f"`{line_of(_key(key), value)}`")
     lines = "; ".join(f"`[{table}]` {' and '.join(own)}" for table, own in tables.items())
     return f"Set {lines} in map.toml, or run with --fix."
+
+
+def words_of(changes: Mapping[str, object]) -> str:
+    """Such as `[time] scale = 2`, several separated by semicolons."""
+    parts = []
+    for name, value in changes.items():
+        table, key = name.rsplit(".", 1)
+        parts.append(f"[{table}] {line_of(_key(key), value)}")
+    return "; ".join(parts)
+
+
+def composed(changes: Mapping[str, object], map_: Mapping[str, Any]) -> dict[str, object]:
+    """Changes on top of what a parsed map states: factors are multiplied, swaps follow each other."""
+    found: dict[str, object] = {}
+    for name, value in changes.items():
+        table, key = name.rsplit(".", 1)
+        own: Any = map_
+        for part in _parts_of(table):
+            own = own.get(part, {})
+        given = own.get(key)
+        if given is None or table == "vehicle":
+            found[name] = value
+        elif table == "order":
+            swaps = cast(dict[str, str], value).items()
+            found[name] = given | {joint: given.get(other, other) for joint, other in swaps}
+        else:
+            found[name] = _times(given, value)
+    return found
+
+
+def _parts_of(table: str) -> list[str]:
+    """The names in a table's header, such as `files."a.csv"`."""
+    match = re.fullmatch(r'(\w+)\."(.*)"', table)
+    return [match[1], match[2]] if match else [table]
+
+
+def _times(given: Any, value: Any) -> Any:
+    """The product of two factors; a unit replaces a factor; by joint where one of them is."""
+    if isinstance(given, Mapping) or isinstance(value, Mapping):
+        parts = [dict(x) if isinstance(x, Mapping) else None for x in (given, value)]
+        if None in parts:
+            return value
+        own, new = parts
+        return own | {k: _times(own[k], x) if k in own else x for k, x in new.items()}
+    if isinstance(given, str) or isinstance(value, str):
+        return value
+    return given * value
