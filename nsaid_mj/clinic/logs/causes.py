@@ -21,6 +21,8 @@ from ...base import Finding, pin
 from ...core import Array, number, positions
 from ...robots import RobotModel
 from . import signals
+from .cleaning import Cleaned
+from .mapping import TIME
 from .recordings import Recordings
 from .remedies import remedy_of
 
@@ -43,7 +45,10 @@ _FITS = 0.05  # error of the commands up to which axes and base are not doubted
 _BETTER = 0.7  # product of the joints' ratios of errors below which one more axis is turned
 _TURNED = 0.2  # such a product below which a turned axis or base is certain
 _OUTSIDE = 2.0  # factor of the error of a joint that leaves the model's limits
+_GROSS = 80.0  # factor of a clock from which a log cannot be prepared; degrees are 57
+_WINDOWS = 200  # windows of a log in which positions are compared with integrals of velocities
 _PARSIMONY = 0.4  # handicap [log of the error] of a command of the other sign
+_NEVER = 20.0  # such a handicap that excludes the other sign
 _OTHER_BASES = np.array([[0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, -1.0]])
 _UNLIKELY = 0.2  # handicap [log of the error] of a hypothesis that needs an unusual number
 UNITS = {  # positions over velocities, by the unit that was not stated
@@ -147,6 +152,7 @@ class Cause(NamedTuple):
     text: str  # what it says is wrong
     changes: dict[str, object]  # values of map.toml that mend it, by table and key
     apply: Callable[[Motion], Motion]  # the motion as it would have been
+    name: str = ""  # the hypothesis in a few words, where it is not the likeliest
     handicap: float = 0.0  # added to the logarithm of its error
 
 
@@ -173,10 +179,11 @@ def finding_of(judged: Sequence[Judged], where: str, data: dict[str, object]) ->
     text = best.cause.text
     others = [one for one in judged[1:] if not np.isnan(one.error)]
     if others and not np.isnan(best.error):
-        against = ", ".join(f"{100 * one.error:.2g} % if {one.cause.text}" for one in others[:3])
+        against = ", ".join(f"{100 * one.error:.2g} % if {one.cause.name}" for one in others[:3])
         text += f" (the commands then fit the model with {100 * best.error:.2g} % error; {against})"
-    if len(judged) > 1 and _surprise(judged[1]) - _surprise(best) < -np.log(CLEAR):
-        text += f"; or {judged[1].cause.text}, which the log does not tell apart"
+    close = len(judged) > 1 and _surprise(judged[1]) - _surprise(best) < -np.log(CLEAR)
+    if close and best.error > CLEAR * judged[1].error:
+        text += f"; the log hardly tells it from the next likely cause: {judged[1].cause.name}"
     remedy = remedy_of(best.cause.changes)
     return Finding("refusal", best.cause.code, where, text, remedy, {**data, "map": best.cause.changes})
 
@@ -406,7 +413,7 @@ def _clock(factor: float, file: str = "") -> Cause:
     if factor < 1:
         how = f"{number(1 / factor, significant=3)} times too slowly"
     text = f"the clock runs {how}: dq/dt is {number(factor, significant=3)} times the velocity"
-    return Cause("clock", text, {f"{table}.scale": factor}, apply)
+    return Cause("clock", text, {f"{table}.scale": factor}, apply, "the clock is wrong")
 
 
 def _scaled(what: str, joints: Sequence[int], factor: float) -> Callable[[Motion], Motion]:
@@ -442,7 +449,8 @@ def _scales(robot: RobotModel, group: Sequence[int], factor: float, shared: bool
             si = "the velocities in rad/s" if what == "position" else "the positions in rad"
             text = f"{words} and {si}: {ratio}{on}"
             apply = _scaled(what, group, 1 / value if what == "position" else value)
-            causes.append(Cause(code, text, {f"factors.{what}": _of(robot, group, unit)}, apply))
+            changes = {f"factors.{what}": _of(robot, group, unit)}
+            causes.append(Cause(code, text, changes, apply, words))
     for what, value in (("velocity", factor), ("position", 1 / factor)):
         if what == known:
             continue
@@ -453,7 +461,8 @@ def _scales(robot: RobotModel, group: Sequence[int], factor: float, shared: bool
             text = f"the {words} have another unit or gear ratio{on}: {ratio}"
         unusual = _UNLIKELY * (2 * bool(known) + (what == "position"))
         apply = _scaled(what, group, value)
-        causes.append(Cause("velocity_mismatch", text, changes, apply, unusual))
+        name = f"the {words} have another unit" if factor > 0 else f"the {words} are reversed"
+        causes.append(Cause("velocity_mismatch", text, changes, apply, name, unusual))
     if shared and factor > 0:
         clock = _clock(factor)
         causes.append(clock._replace(text=clock.text + on, handicap=-_UNLIKELY * (1 - 4 * bool(known))))
@@ -507,7 +516,8 @@ def _orders(robot: RobotModel, moved: Sequence[int], order: dict[int, int]) -> l
 
         value = {robot.joints[j]: robot.joints[i] for j, i in pairs.items()}
         whose = {"velocity": "those of the velocities", "position": "those of the positions"}[what]
-        causes.append(Cause("swapped_columns", f"{text}, {whose}", {f"order.{what}": value}, apply))
+        text_ = f"{text}, {whose}"
+        causes.append(Cause("swapped_columns", text_, {f"order.{what}": value}, apply, f"they are {whose}"))
     return causes
 
 
@@ -614,6 +624,7 @@ def _turned(motion: Motion, robot: RobotModel) -> tuple[list[Finding], Motion]:
     if np.isnan(before) or before < _FITS:
         return [], motion
     n = len(driven_joints(robot, motion))
+    plain = before
     before = best = before * _OUTSIDE ** (_outside(robot, motion) / n)
     bases = [(misfit(robot, motion, 0.0, g), g) for g in _OTHER_BASES * _weight(robot)]
     turned: list[int] = []
@@ -627,7 +638,7 @@ def _turned(motion: Motion, robot: RobotModel) -> tuple[list[Finding], Motion]:
     if (error / before) ** n < _TURNED and error < best:
         pull = ", ".join(f"{x:.3g}" for x in gravity)
         text = f"the base is mounted in another pose than in the model: with gravity ({pull}) m/s² in "
-        text += f"its axes the commands' error falls from {100 * before:.2g} to {100 * error:.2g} %"
+        text += f"its axes the commands' error falls from {100 * plain:.2g} to {100 * error:.2g} %"
         remedy = "Turn the base, or state gravity, in the model file."
         data = {"gravity": gravity.tolist()}
         return [Finding("refusal", "mount", "", text, remedy, data)], motion
@@ -636,7 +647,8 @@ def _turned(motion: Motion, robot: RobotModel) -> tuple[list[Finding], Motion]:
     names = [robot.joints[j] for j in sorted(turned)]
     wrong = _wrong_signs(own, robot)
     text = f"the axes of {', '.join(names)} count against the model's: with them reversed the "
-    text += f"commands' error falls from {100 * before:.2g} to {100 * best:.2g} %"
+    best = misfit(robot, own, 0.0)
+    text += f"commands' error falls from {100 * plain:.2g} to {100 * best:.2g} %"
     value = {name: -1 for name in names}
     changes: dict[str, object] = {"factors.position": value, "factors.velocity": value}
     if wrong:
@@ -738,6 +750,8 @@ def _wrong_signs(motion: Motion, robot: RobotModel) -> list[int]:
 def _reversed(motion: Motion, robot: RobotModel) -> list[Finding]:
     """One finding about all commands of the wrong sign."""
     joints = driven_joints(robot, motion)
+    if differing := _reversed_in_files(motion, robot):
+        return differing
     wrong = _wrong_signs(motion, robot)
     if not wrong:
         return []
@@ -748,8 +762,8 @@ def _reversed(motion: Motion, robot: RobotModel) -> list[Finding]:
     text += "the motion; −u fits the model"
     u = motion.u.copy()
     u[:, wrong] *= -1
-    before = misfit(robot, motion)
-    after = misfit(robot, replace(motion, u=u))
+    before = misfit(robot, motion, _NEVER)
+    after = misfit(robot, replace(motion, u=u), _NEVER)
     if not np.isnan(after):
         text += f" with {100 * after:.2g} % error instead of {100 * before:.2g} %"
     value = -1 if every else _of(robot, wrong, -1)
@@ -757,3 +771,58 @@ def _reversed(motion: Motion, robot: RobotModel) -> list[Finding]:
     data = {"joints": names, "map": changes}
     where = "" if every and len(joints) > 1 else ", ".join(names)
     return [Finding("refusal", "reversed_sign", where, text, remedy_of(changes), data)]
+
+
+def _reversed_in_files(motion: Motion, robot: RobotModel) -> list[Finding]:
+    """Findings about files in which commands have another sign than in the others."""
+    files = list(dict.fromkeys(motion.file.tolist()))
+    if len(files) < 2:
+        return []
+    wrong = {file: _wrong_signs(motion.part(motion.file == file), robot) for file in files}
+    if len({tuple(joints) for joints in wrong.values()}) == 1:
+        return []
+    found = []
+    for file, joints in wrong.items():
+        if joints:
+            names = [robot.joints[j] for j in joints]
+            text = f"the commands of {', '.join(names)} are reversed in this file, not in all files"
+            remedy = "Leave the file out, or negate these columns in it."
+            data = {"joints": names}
+            found.append(Finding("refusal", "reversed_sign", file, text, remedy, data))
+    return found
+
+
+# -- a clock too wrong to make a log of -----------------------------------------------------------
+
+
+def gross_clock(cleaned: Sequence[Cleaned], findings: Sequence[Finding]) -> Finding | None:
+    """The finding of a clock that is wrong by orders of magnitude, such as ms taken for seconds.
+
+    Changes of the positions are compared with integrals of the velocities over windows of rows, on
+    the log's own clock: such a log may have no half second.
+    """
+    factors = []
+    for log in cleaned:
+        for position, velocity in zip(log.made.positions, log.made.velocities, strict=False):
+            if position is None or velocity is None or log.made.vehicle is not None:
+                continue
+            q, v = log.of(position), log.of(velocity)
+            path = scipy.integrate.cumulative_trapezoid(np.interp(q.t, v.t, v.x), q.t, initial=0.0)
+            step = max(5, len(q.t) // _WINDOWS)
+            moved = np.column_stack([x[step:] - x[:-step] for x in (q.x, path)])
+            together = correlation(moved[:, :1], moved[:, 1:])[0, 0]
+            if together > AGREES:
+                factors.append(float(np.std(moved[:, 0]) / np.std(moved[:, 1])))
+    if not factors or max(factors) > (1 + FACTOR) * min(factors):
+        return None
+    factor = nice(float(np.median(factors)))
+    if 1 / _GROSS < factor < _GROSS:
+        return None
+    cause = _clock(factor)
+    changes = cause.changes
+    for unit, size in TIME.items():
+        for finding in findings:
+            taken = finding.data.get("unit") if finding.code == "time_unit" else None
+            if taken in TIME and abs(size / (TIME[str(taken)] * factor) - 1) < 0.02:
+                changes = {"time.unit": unit}
+    return Finding("refusal", "clock", "", cause.text, remedy_of(changes), {"map": changes})

@@ -3,7 +3,7 @@
 Reversed or swapped commands and delays need a fit and are not checked here.
 """
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -30,6 +30,7 @@ from .unusable import UnusableLog
 SHORT = 5.0  # seconds of usable rows below which a log is warned about or refused
 TOO_SHORT = 1.0
 _DEGREES_APART = 3.0  # range of a position over the model's from which it is in degrees
+_STILL = 0.01  # travel of a joint that moves in a file [rad or m]
 _MOVES = 0.05  # share of usable rows below which a joint hardly moves
 _ROWS = 2000  # at most, for the model's torques
 
@@ -53,6 +54,7 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     commands = np.concatenate([segment.log.u for segment in recordings.segments])
     found = _dead("command", commands, 0.0, robot, remedy)
     found = [finding for finding in found if finding.where not in robot.passive]
+    found += _dead_in_files(recordings, robot, {finding.where for finding in found})
     usable = np.concatenate([segment.usable for segment in recordings.segments])
     seconds = float(np.sum(usable.any(axis=1)) / recordings.rate)
     if seconds < SHORT:
@@ -112,6 +114,28 @@ def _dead(what: str, x: Array, least: float, robot: RobotModel, remedy: str) -> 
         for joint, column in columns
         if np.ptp(column) <= least
     ]
+
+
+def _dead_in_files(
+    recordings: Recordings, robot: RobotModel, dead: Container[str]
+) -> list[Finding]:
+    """Refusals of files in which a command never changes while its joint moves."""
+    if not robot.jointed:
+        return []
+    found = []
+    for file in dict.fromkeys(segment.source for segment in recordings.segments):
+        logs = [segment.log for segment in recordings.segments if segment.source == file]
+        u = np.concatenate([log.u for log in logs])
+        moves = np.max([np.ptp(log.q, axis=0) for log in logs], axis=0) > _STILL
+        for j, name in enumerate(robot.joints):
+            if np.ptp(u[:, j]) > 0 or name in dead or name in robot.passive or not moves[j]:
+                continue
+            text = f"the command of {name} is {number(float(u[0, j]))} in all rows of this file, "
+            text += "while the joint moves"
+            remedy = "Leave this file out, or map the column that holds the command in it."
+            data = {"joint": name}
+            found.append(Finding("refusal", "dead_channel", file, text, remedy, data))
+    return found
 
 
 # -- sizes against the model ----------------------------------------------------------------------

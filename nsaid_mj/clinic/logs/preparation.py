@@ -9,6 +9,7 @@ from ...base import Finding
 from ...core import Array, Log
 from ...robots import RobotModel
 from . import signals
+from .causes import gross_clock
 from .cleaning import (
     Cleaned,
     Rest,
@@ -71,6 +72,8 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
     cleaned = _cleaned(recordings, made, findings)
     if not cleaned:
         raise UnusableLog(tuple(findings))
+    if (clock := gross_clock(cleaned, findings)) is not None:
+        raise UnusableLog((*findings, clock))
     rate = _rate(cleaned, findings)
     segments = [s for log in cleaned for s in _segments(log, mapping, robot, rate, findings)]
     if not segments:
