@@ -30,6 +30,7 @@ DEGREES = 180 / np.pi
 AGREES = 0.9  # correlation of a velocity with dq/dt below which they contradict each other
 FACTOR = 0.15  # relative error of a velocity's scale that noise and delay do not explain
 _SAME = 0.3  # relative error of a velocity below which it is that of a position
+_UNIT = 0.04  # relative difference of a factor and that of a unit that it may be
 _ALIKE = 0.06  # spread of factors that one cause explains
 _ROWS = 800  # at most, for the model's forces
 _BAND = 4.0  # cut-off over the frequency below which 99 % of the positions' power lies
@@ -45,6 +46,10 @@ _FITS = 0.05  # error of the commands up to which axes and base are not doubted
 _BETTER = 0.7  # product of the joints' ratios of errors below which one more axis is turned
 _TURNED = 0.2  # such a product below which a turned axis or base is certain
 _OUTSIDE = 2.0  # factor of the error of a joint that leaves the model's limits
+_RETIMED = 0.1  # such a product below which a clock is wrong that no velocity contradicts
+_TIMES = (0.07, 0.1, 0.2, 0.33, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0, 10.0, 14.0)  # clocks to try
+_USUAL = (0.1, 0.2, 0.25, 0.4, 0.5, 1.0, 2.0, 2.5, 4.0, 5.0, 10.0)  # those that are likely
+_NEAR = 0.1  # relative difference from a likely one that masses of the model may make
 _GROSS = 80.0  # factor of a clock from which a log cannot be prepared; degrees are 57
 _WINDOWS = 200  # windows of a log in which positions are compared with integrals of velocities
 _PARSIMONY = 0.4  # handicap [log of the error] of a command of the other sign
@@ -443,7 +448,7 @@ def _scales(robot: RobotModel, group: Sequence[int], factor: float, shared: bool
     causes = []
     known = ""
     for value, (what, unit, words) in UNITS.items():
-        if abs(factor / value - 1) < FACTOR:
+        if abs(factor / value - 1) < _UNIT:
             known = what
             code = "degrees" if unit.startswith("deg") else "velocity_mismatch"
             si = "the velocities in rad/s" if what == "position" else "the positions in rad"
@@ -626,7 +631,9 @@ def _turned(motion: Motion, robot: RobotModel) -> tuple[list[Finding], Motion]:
     n = len(driven_joints(robot, motion))
     plain = before
     before = best = before * _OUTSIDE ** (_outside(robot, motion) / n)
-    bases = [(misfit(robot, motion, 0.0, g), g) for g in _OTHER_BASES * _weight(robot)]
+    own_pull = robot.model.gravity.linear
+    others = [g for g in _OTHER_BASES * _weight(robot) if not np.allclose(g, own_pull)]
+    bases = [(misfit(robot, motion, 0.0, g), g) for g in others]
     turned: list[int] = []
     for start in _starts(robot, motion):
         error, trial = _with_axes(robot, motion, start, n)
@@ -635,7 +642,19 @@ def _turned(motion: Motion, robot: RobotModel) -> tuple[list[Finding], Motion]:
             turned = trial
     own = _mirrored(motion, turned)
     error, gravity = min(bases, key=lambda one: one[0])
-    if (error / before) ** n < _TURNED and error < best:
+    slow, scale = _best_clock(robot, motion)
+    if slow < min(best, error) and (slow / plain) ** n < _RETIMED:
+        cause = _clock(scale)
+        how = cause.text.split(":")[0]
+        text = f"{how}: the model's weight and inertia fit the commands with {100 * slow:.2g} % error "
+        text += f"on that clock, and with {100 * plain:.2g} % on the log's own"
+        data: dict[str, object] = {"factor": scale}
+        remedy = "Find the true rate of the log, and set `[time]` `scale` in map.toml."
+        if scale in _USUAL:
+            data["map"] = cause.changes
+            remedy = remedy_of(cause.changes)
+        return [Finding("refusal", "clock", "", text, remedy, data)], motion
+    if (error / plain) ** n < _TURNED and error < best:
         pull = ", ".join(f"{x:.3g}" for x in gravity)
         text = f"the base is mounted in another pose than in the model: with gravity ({pull}) m/s² in "
         text += f"its axes the commands' error falls from {100 * plain:.2g} to {100 * error:.2g} %"
@@ -657,6 +676,29 @@ def _turned(motion: Motion, robot: RobotModel) -> tuple[list[Finding], Motion]:
     remedy = remedy_of(changes)
     finding = Finding("refusal", "reversed_sign", ", ".join(names), text, remedy, data)
     return [finding], own
+
+
+def _best_clock(robot: RobotModel, motion: Motion) -> tuple[float, float]:
+    """The least error of the commands with all times multiplied, and this number.
+
+    Weight does not depend on the clock, inertia does by its square.
+    """
+
+    def error(logarithm: float) -> float:
+        k = float(np.exp(logarithm))
+        own = {"slopes": motion.slopes / k, "v": motion.v / k, "a": motion.a / k**2}
+        return misfit(robot, replace(motion, **own, rate=motion.rate / k), 0.0)
+
+    grid = np.log(_TIMES)
+    errors = [error(x) for x in grid]
+    best = int(np.argmin(errors))
+    around = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    found = scipy.optimize.minimize_scalar(error, bounds=around, options={"maxiter": 12})
+    scale = float(np.exp(found.x))
+    whole = min(_USUAL, key=lambda k: abs(np.log(k / scale)))
+    if abs(np.log(whole / scale)) < _NEAR:
+        scale = whole
+    return float(found.fun), scale
 
 
 def _starts(robot: RobotModel, motion: Motion) -> list[list[int]]:
