@@ -119,7 +119,10 @@ def _arm(rng: Any, seed: int, kind: str, robot: str, files: int) -> tuple[list[T
         tables.append(arm_table(found, rate, velocities, units))
         if number and robot.startswith("tree"):
             half = len(tables[0]["time"]) // 2
-            tables = [{k: x[:half] for k, x in tables[0].items()}, {k: x[half:] for k, x in tables[0].items()}]
+            tables = [
+                {k: x[:half] for k, x in tables[0].items()},
+                {k: x[half:] for k, x in tables[0].items()},
+            ]
     first = runs[0]
     from nsaid_mj.robots.assets import packed_robots
 
@@ -127,7 +130,11 @@ def _arm(rng: Any, seed: int, kind: str, robot: str, files: int) -> tuple[list[T
     lock = tuple(_fingers(first)[:1])
     names = [name for name in joint_names(first.setup) if name not in _fingers(first)]
     model = with_wrong_masses(urdf, rng, MASSES)
-    sliding = {j.get("name") for j in ElementTree.fromstring(urdf).iter("joint") if j.get("type") == "prismatic"}
+    sliding = {
+        j.get("name")
+        for j in ElementTree.fromstring(urdf).iter("joint")
+        if j.get("type") == "prismatic"
+    }
     own = {"model": model, "map": "", "lock": lock, "names": names, "simulated": first}
     return tables, own | {"turning": [name for name in names if name not in sliding] or names}
 
@@ -203,7 +210,9 @@ def _reversed_joints(rng: Any, tables: list[Table], own: dict) -> Change:
     joints = _joints(rng, own)
     for what in ("position", "velocity", "current"):
         _times(tables, joints, what, -1.0)
-    return Change(("reversed_sign",), ("axes",), f"positions, velocities, commands of {joints} negated")
+    return Change(
+        ("reversed_sign",), ("axes",), f"positions, velocities, commands of {joints} negated"
+    )
 
 
 def _degrees_of_positions(rng: Any, tables: list[Table], own: dict) -> Change:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ...base import Finding, InvalidInput
 from ...robots import RobotModel
-from ..logs.mapping import Map, map_of
+from ..logs.mapping import map_of
 from ..logs.remedies import composed, mended, remedies, words_of
 from ..logs.tables import read_tables
 from .inspection import Inspection, inspect
@@ -82,7 +82,9 @@ def fix(files: Sequence[Path], text: str, robot: RobotModel) -> Fix:
             mapping = map_of(tomllib.loads(made))
             current = inspect(read_tables(files, mapping), mapping, robot)
         except InvalidInput as error:
-            return Fix(text, changes | wanted, before, before, f"the map cannot be changed: {error}")
+            return Fix(
+                text, changes | wanted, before, before, f"the map cannot be changed: {error}"
+            )
         changes |= own
     new = [f for f in _refusals(current) if (f.code, f.where) not in known]
     worse = new or (changes and len(_refusals(current)) >= len(_refusals(before)))

@@ -50,6 +50,7 @@ _RETIMED = 0.1  # such a product below which a clock is wrong that no velocity c
 _TIMES = (0.07, 0.1, 0.2, 0.33, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0, 10.0, 14.0)  # clocks to try
 _USUAL = (0.1, 0.2, 0.25, 0.4, 0.5, 1.0, 2.0, 2.5, 4.0, 5.0, 10.0)  # those that are likely
 _NEAR = 0.1  # relative difference from a likely one that masses of the model may make
+_RATES = (4.0, 10_000.0)  # of robots' logs [Hz]
 _GROSS = 80.0  # factor of a clock from which a log cannot be prepared; degrees are 57
 _WINDOWS = 200  # windows of a log in which positions are compared with integrals of velocities
 _PARSIMONY = 0.4  # handicap [log of the error] of a command of the other sign
@@ -190,13 +191,17 @@ def finding_of(judged: Sequence[Judged], where: str, data: dict[str, object]) ->
     if close and best.error > CLEAR * judged[1].error:
         text += f"; the log hardly tells it from the next likely cause: {judged[1].cause.name}"
     remedy = remedy_of(best.cause.changes)
-    return Finding("refusal", best.cause.code, where, text, remedy, {**data, "map": best.cause.changes})
+    return Finding(
+        "refusal", best.cause.code, where, text, remedy, {**data, "map": best.cause.changes}
+    )
 
 
 # -- commands against the model -------------------------------------------------------------------
 
 
-def forces_of(robot: RobotModel, motion: Motion, gravity: Array | None = None) -> tuple[Array, Array]:
+def forces_of(
+    robot: RobotModel, motion: Motion, gravity: Array | None = None
+) -> tuple[Array, Array]:
     """(N, n) weight and (N, n) inertial forces of the model's links along a motion."""
     model = robot.model
     if gravity is not None:
@@ -257,7 +262,9 @@ def driven_joints(robot: RobotModel, motion: Motion) -> list[int]:
     return [
         j
         for j, name in enumerate(robot.joints)
-        if name not in robot.passive and motion.usable[:, j].sum() > 50 and np.ptp(motion.u[:, j]) > 0
+        if name not in robot.passive
+        and motion.usable[:, j].sum() > 50
+        and np.ptp(motion.u[:, j]) > 0
     ]
 
 
@@ -330,7 +337,7 @@ def velocity_causes(
             break
         factor = nice(float(np.median(factors[group])))
         shared = len(measured) > 1 and _common(factors, measured, group)
-        judged = ranked(_scales(robot, group, factor, shared), motion, robot)
+        judged = ranked(_scales(robot, group, factor, shared, motion.rate), motion, robot)
         names = [robot.joints[j] for j in group]
         data = {"factor": float(np.median(factors[group])), "joints": names}
         found.append(finding_of(judged, "" if shared else ", ".join(names), data))
@@ -363,7 +370,7 @@ def nice(factor: float) -> float:
     best = min(options, key=lambda x: abs(np.log(x / size)))
     if abs(np.log(best / size)) > 0.01:
         best = float(f"{size:.3g}")
-    return float(np.sign(factor) * best)
+    return float(np.sign(factor) * (best if best in UNITS else float(f"{best:.9g}")))
 
 
 def _largest_group(factors: Array, measured: Sequence[int]) -> list[int]:
@@ -441,8 +448,13 @@ def _of(robot: RobotModel, joints: Sequence[int], value: object) -> object:
     return {robot.joints[j]: value for j in joints}
 
 
-def _scales(robot: RobotModel, group: Sequence[int], factor: float, shared: bool) -> list[Cause]:
-    """Hypotheses that explain dq/dt = factor · velocity on a group of joints."""
+def _scales(
+    robot: RobotModel, group: Sequence[int], factor: float, shared: bool, rate: float
+) -> list[Cause]:
+    """Hypotheses that explain dq/dt = factor · velocity on a group of joints.
+
+    `shared` is whether it may be the clock, on which the log has so many rows per second [Hz].
+    """
     ratio = f"dq/dt is {number(factor, significant=3)} times the velocity"
     on = "" if len(group) == 1 else f" on all {len(group)} joints"
     causes = []
@@ -470,7 +482,8 @@ def _scales(robot: RobotModel, group: Sequence[int], factor: float, shared: bool
         causes.append(Cause("velocity_mismatch", text, changes, apply, name, unusual))
     if shared and factor > 0:
         clock = _clock(factor)
-        causes.append(clock._replace(text=clock.text + on, handicap=-_UNLIKELY * (1 - 4 * bool(known))))
+        rare = 4 * bool(known) + 8 * (not plausible(rate / factor)) - 1
+        causes.append(clock._replace(text=clock.text + on, handicap=_UNLIKELY * rare))
     return causes
 
 
@@ -522,7 +535,9 @@ def _orders(robot: RobotModel, moved: Sequence[int], order: dict[int, int]) -> l
         value = {robot.joints[j]: robot.joints[i] for j, i in pairs.items()}
         whose = {"velocity": "those of the velocities", "position": "those of the positions"}[what]
         text_ = f"{text}, {whose}"
-        causes.append(Cause("swapped_columns", text_, {f"order.{what}": value}, apply, f"they are {whose}"))
+        causes.append(
+            Cause("swapped_columns", text_, {f"order.{what}": value}, apply, f"they are {whose}")
+        )
     return causes
 
 
@@ -548,7 +563,9 @@ def command_causes(motion: Motion, robot: RobotModel) -> list[Finding]:
     return found
 
 
-def _errors(robot: RobotModel, motion: Motion, j: int, forces: tuple[Array, Array], u: Sequence[Array]):
+def _errors(
+    robot: RobotModel, motion: Motion, j: int, forces: tuple[Array, Array], u: Sequence[Array]
+):
     """Errors of commands u of a joint and of −u, three times (3, 2).
 
     Weight, inertia and friction act with the signs of the model; weight has any sign; weight and
@@ -646,7 +663,9 @@ def _turned(motion: Motion, robot: RobotModel) -> tuple[list[Finding], Motion]:
     if slow < min(best, error) and (slow / plain) ** n < _RETIMED:
         cause = _clock(scale)
         how = cause.text.split(":")[0]
-        text = f"{how}: the model's weight and inertia fit the commands with {100 * slow:.2g} % error "
+        text = (
+            f"{how}: the model's weight and inertia fit the commands with {100 * slow:.2g} % error "
+        )
         text += f"on that clock, and with {100 * plain:.2g} % on the log's own"
         data: dict[str, object] = {"factor": scale}
         remedy = "Find the true rate of the log, and set `[time]` `scale` in map.toml."
@@ -656,7 +675,9 @@ def _turned(motion: Motion, robot: RobotModel) -> tuple[list[Finding], Motion]:
         return [Finding("refusal", "clock", "", text, remedy, data)], motion
     if (error / plain) ** n < _TURNED and error < best:
         pull = ", ".join(f"{x:.3g}" for x in gravity)
-        text = f"the base is mounted in another pose than in the model: with gravity ({pull}) m/s² in "
+        text = (
+            f"the base is mounted in another pose than in the model: with gravity ({pull}) m/s² in "
+        )
         text += f"its axes the commands' error falls from {100 * plain:.2g} to {100 * error:.2g} %"
         remedy = "Turn the base, or state gravity, in the model file."
         data = {"gravity": gravity.tolist()}
@@ -741,7 +762,9 @@ def _outside(robot: RobotModel, motion: Motion) -> int:
     for j, name in enumerate(robot.joints):
         least, most, _ = limits(robot, name)
         slack = 0.05 * (most - least) if np.isfinite(most - least) else 0.0
-        found += bool((motion.q[:, j] < least - slack).any() or (motion.q[:, j] > most + slack).any())
+        found += bool(
+            (motion.q[:, j] < least - slack).any() or (motion.q[:, j] > most + slack).any()
+        )
     return found
 
 
@@ -837,6 +860,11 @@ def _reversed_in_files(motion: Motion, robot: RobotModel) -> list[Finding]:
 # -- a clock too wrong to make a log of -----------------------------------------------------------
 
 
+def plausible(rate: float) -> bool:
+    """Whether a robot may be recorded at this rate [Hz]."""
+    return _RATES[0] <= rate <= _RATES[1]
+
+
 def gross_clock(cleaned: Sequence[Cleaned], findings: Sequence[Finding]) -> Finding | None:
     """The finding of a clock that is wrong by orders of magnitude, such as ms taken for seconds.
 
@@ -858,7 +886,8 @@ def gross_clock(cleaned: Sequence[Cleaned], findings: Sequence[Finding]) -> Find
     if not factors or max(factors) > (1 + FACTOR) * min(factors):
         return None
     factor = nice(float(np.median(factors)))
-    if 1 / _GROSS < factor < _GROSS:
+    rate = float(np.median([log.reference.rate for log in cleaned]))
+    if 1 / _GROSS < factor < _GROSS or plausible(rate) or not plausible(rate / factor):
         return None
     cause = _clock(factor)
     changes = cause.changes

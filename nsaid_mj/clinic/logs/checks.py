@@ -23,8 +23,8 @@ from .causes import (
     velocity_causes,
 )
 from .frames import frame_causes
-from .remedies import remedy_of
 from .recordings import Recordings
+from .remedies import remedy_of
 from .unusable import UnusableLog
 
 SHORT = 5.0  # seconds of usable rows below which a log is warned about or refused

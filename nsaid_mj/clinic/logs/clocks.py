@@ -28,7 +28,11 @@ class Clock(NamedTuple):
 
     def scaled(self, scale: float) -> "Clock":
         """The clock with its times multiplied, of one that runs too fast or too slowly."""
-        return self if scale == 1 else self._replace(t=scale * self.t, origin=round(scale * self.origin))
+        return (
+            self
+            if scale == 1
+            else self._replace(t=scale * self.t, origin=round(scale * self.origin))
+        )
 
 
 def with_whole_stamps(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -7,7 +7,6 @@ not, the axes, signs, order or frame under which they would are searched for, al
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from itertools import permutations, product
 from typing import NamedTuple
 
@@ -98,7 +97,9 @@ def frame_causes(recordings: Recordings, robot: RobotModel) -> list[Finding]:
     for match in lost if not found else ():
         text = f"the {match.part.name} velocity does not follow from the pose under any axes"
         text += f" (error {100 * match.error:.2g} %)"
-        remedy = f"Check its columns, or leave out `linear` and `angular` to differentiate the pose."
+        remedy = (
+            f"Check its columns, or leave out `linear` and `angular` to differentiate the pose."
+        )
         found.append(Finding("warning", "frame", match.part.name, text, remedy))
     return found
 
@@ -185,7 +186,9 @@ def _match(part: Part, base: str, turn: Array, vehicle: Vehicle | None) -> Match
     error = 0.5 * difference / np.maximum(whole, 1e-300)
     turned = int(np.sum(np.diag(turn) != 1))
     handicap = _UNUSUAL * turned + _CHANGED * (base != "body") + _CHANGED * (base == "other world")
-    return Match(part, base, turn, scale, float(error @ part.weights / part.weights.sum()), handicap)
+    return Match(
+        part, base, turn, scale, float(error @ part.weights / part.weights.sum()), handicap
+    )
 
 
 def _best(part: Part, vehicle: Vehicle | None) -> Match:
@@ -270,7 +273,9 @@ def _said(turn: Array, world: bool, vehicle: Vehicle | None) -> str:
         if len(turn) == 1:
             names.append("clockwise" if signs[0] else "counterclockwise")
         else:
-            names.append("-".join(directions[k][int(s)] for k, s in zip(places, signs, strict=True)))
+            names.append(
+                "-".join(directions[k][int(s)] for k, s in zip(places, signs, strict=True))
+            )
     return f"{names[0]} in place of {names[1]}"
 
 
@@ -324,9 +329,7 @@ def _clock(matches: Sequence[Match]) -> list[Finding]:
             text = f"the angular velocity is in deg/s: {text}"
             changes = {"vehicle.angular_unit": "deg/s"}
         data = {"factor": match.scale, "map": changes}
-        found.append(
-            Finding("refusal", "velocity_mismatch", name, text, remedy_of(changes), data)
-        )
+        found.append(Finding("refusal", "velocity_mismatch", name, text, remedy_of(changes), data))
     return found
 
 
@@ -346,7 +349,9 @@ def _driven(recordings: Recordings, robot: RobotModel) -> list[Finding]:
         trials.append((error, "frame", text, {"vehicle.frame": frame}))
     if (u < 0).any():
         error = _balance(robot, q, v, -u, recordings.rate)
-        trials.append((error, "reversed_sign", "all commands are reversed", {"factors.command": -1}))
+        trials.append(
+            (error, "reversed_sign", "all commands are reversed", {"factors.command": -1})
+        )
     error, code, text, changes = min(trials, default=(np.inf, "", "", {}), key=lambda one: one[0])
     if not error < _DRIVES * own:
         return []

@@ -89,7 +89,9 @@ class Layout(NamedTuple):
         """Columns of the orientation: those of the map, or of a run of ours; () without one."""
         if self.vehicle is not None:
             count = 4 if self.vehicle.quaternion else 0
-            return tuple(source.column.column for source in self.positions[len(self.positions) - count :])
+            return tuple(
+                source.column.column for source in self.positions[len(self.positions) - count :]
+            )
         if len(self.positions) != len(self.velocities) + 1:
             return ()
         return tuple(source.column.column for source in self.positions[3:7])

@@ -53,7 +53,9 @@ def _with_line(text: str, table: str, key: str, line: str) -> str:
     start = next((k for k, one in enumerate(lines) if header.fullmatch(one)), None)
     if start is None:
         return "\n".join([*lines, "", f"[{table}]", line]) + "\n"
-    end = next((k for k in range(start + 1, len(lines)) if re.match(r"\s*\[", lines[k])), len(lines))
+    end = next(
+        (k for k in range(start + 1, len(lines)) if re.match(r"\s*\[", lines[k])), len(lines)
+    )
     own = re.compile(rf"\s*{re.escape(_key(key))}\s*=")
     kept = [one for one in lines[start + 1 : end] if not own.match(one)]
     return "\n".join([*lines[: start + 1], line, *kept, *lines[end:]]) + "\n"
