@@ -11,17 +11,9 @@ import numpy as np
 from ...base import Finding, pin, refused
 from ...core import Array, number, positions, rounded, slides
 from ...robots import RobotModel
-from .causes import (
-    CLEAR,
-    DEGREES,
-    Motion,
-    command_causes,
-    limits,
-    misfit,
-    motion_of,
-    scaled,
-    velocity_causes,
-)
+from .causes import CLEAR, DEGREES, velocity_causes
+from .command_causes import command_causes
+from .evidence import Motion, limits, misfit, motion_of, scaled
 from .frames import frame_causes
 from .recordings import Recordings
 from .remedies import remedy_of
