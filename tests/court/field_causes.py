@@ -103,7 +103,7 @@ def draw(seed: int, kind: str, robot: str = "") -> Drawn:
 def _arm(rng: Any, seed: int, kind: str, robot: str, files: int) -> tuple[list[Table], dict]:
     robot = robot or str(rng.choice([*ARMS, *(f"tree of {k}" for k in range(2, 8))]))
     rate = float(rng.choice(_RATES))
-    velocities = kind != "no velocities, healthy" and kind != "clock without velocities"
+    velocities = kind not in ("no velocities, healthy", "clock without velocities")
     tables = []
     runs = []
     for number in range(files):

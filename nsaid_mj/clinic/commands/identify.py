@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, fields, replace
 from itertools import chain, count
 from pathlib import Path
@@ -27,6 +27,7 @@ from .checks import check_identify, check_inspect, known_number, names_in
 if TYPE_CHECKING:
     from ...lab import Progress
     from ...report import Page
+    from ..identify.fixing import Fix
     from ..identify.inspection import Inspection
     from ..identify.result import Identification
     from ..servos.logs import ServoLogs
@@ -268,52 +269,13 @@ def inspect_log(chosen: ToInspect) -> int:
         raise InvalidInput("logs", "one or more files", "none", "Such as `nsaid inspect log.csv`.")
     check_writable(chosen.out)
     check_inspect(chosen)
-    from ...report import is_own
-    from ..identify.fixing import fix
-    from ..identify.identify import files_of
-    from ..identify.inspection import inspect
-    from ..identify.inspection_page import draw_inspection
-    from ..logs.first_map import first_map
     from ..logs.formats import limited_to
-    from ..logs.mapping import read_map
-    from ..logs.tables import read_tables
 
-    logs = list(chosen.logs)
-    mapping = read_map(chosen.map) if chosen.map else None
-    model = chosen.model
-    name = str(logs[0])
-    if len(logs) == 1 and not logs[0].exists() and asset(name, "log.csv.gz").is_file():
-        model = model or name
-        logs, mapping = files_of(name, [], mapping)
-    robot = None
-    if model is not None:
-        from ..identify.models import load_robot_model
-
-        robot = load_robot_model(model, names_in(chosen.lock), names_in(chosen.joints) or None)
     with limited_to(chosen.limit * 1e9):
-        tables = read_tables(logs, mapping)
-    found = inspect(tables, mapping, robot)
-    fixed = None
-    if chosen.fix:
-        if robot is None:
-            raise InvalidInput("--fix", "a model to judge the log by", "none", "Give --model.")
-        fixed = fix(logs, _text_of(chosen.map), robot)
-        found = fixed.after
+        found, fixed = _inspected(chosen)
     with reading(*chosen.logs, chosen.map, chosen.model):
         chosen.out.mkdir(parents=True, exist_ok=True)
-        names = chain((PICTURE,), map("inspection-{}.png".format, count(2)))
-        paths = (chosen.out / name for name in names)
-        files = [draw_inspection(found, next(p for p in paths if not p.exists() or is_own(p)))]
-        if fixed is not None and fixed.kept:
-            files.append(chosen.out / FIXED)
-            write_text(files[-1], fixed.text)
-        elif found.robot is not None and mapping is None:
-            text = first_map(found.tables, found.robot)
-            names = map("map-new-{}.toml".format, count(2))
-            paths = (chosen.out / name for name in chain((MAP, "map-new.toml"), names))
-            path = next(p for p in paths if not p.exists() or p.read_bytes() == text.encode())
-            write_text(path, text)
-            files.append(path)
+        files = _files_of_inspection(chosen, found, fixed)
     if chosen.json:
         print_json(document(found) | ({"fix": fixed.document()} if fixed else {}))
     else:
@@ -330,8 +292,65 @@ def inspect_log(chosen: ToInspect) -> int:
     return UNUSABLE if refused else EXPLAINED
 
 
-def _text_of(path: Path | None) -> str:
-    return path.read_text("utf-8") if path else ""
+def _inspected(chosen: ToInspect) -> tuple[Inspection, Fix | None]:
+    """The inspection of the logs, and the remedies tried on their map, if asked for."""
+    from ..identify.fixing import fix
+    from ..identify.identify import files_of
+    from ..identify.inspection import inspect
+    from ..logs.mapping import read_map
+    from ..logs.tables import read_tables
+
+    logs = list(chosen.logs)
+    mapping = read_map(chosen.map) if chosen.map else None
+    model = chosen.model
+    name = str(logs[0])
+    if len(logs) == 1 and not logs[0].exists() and asset(name, "log.csv.gz").is_file():
+        model = model or name
+        logs, mapping = files_of(name, [], mapping)
+    robot = None
+    if model is not None:
+        from ..identify.models import load_robot_model
+
+        robot = load_robot_model(model, names_in(chosen.lock), names_in(chosen.joints) or None)
+    if not chosen.fix:
+        return inspect(read_tables(logs, mapping), mapping, robot), None
+    if robot is None:
+        raise InvalidInput("--fix", "a model to judge the log by", "none", "Give --model.")
+    own = chosen.map or asset(name, "map.toml")
+    text = own.read_text("utf-8") if mapping is not None and own.is_file() else ""
+    fixed = fix(logs, text, robot)
+    return fixed.after, fixed
+
+
+def _files_of_inspection(chosen: ToInspect, found: Inspection, fixed: Fix | None) -> list[Path]:
+    """Draws the picture and writes a map: the mended one, or a first one if none is given."""
+    from ...report import is_own
+    from ..identify.inspection_page import draw_inspection
+    from ..logs.first_map import first_map
+
+    names = chain((PICTURE,), map("inspection-{}.png".format, count(2)))
+    paths = (chosen.out / name for name in names)
+    files = [draw_inspection(found, next(p for p in paths if not p.exists() or is_own(p)))]
+    if fixed is not None and fixed.kept:
+        names = chain((FIXED,), map("map-fixed-{}.toml".format, count(2)))
+        files.append(_write_map(chosen.out, names, fixed.text))
+    elif found.robot is not None and chosen.map is None and not _packed(chosen.logs):
+        names = chain((MAP, "map-new.toml"), map("map-new-{}.toml".format, count(2)))
+        files.append(_write_map(chosen.out, names, first_map(found.tables, found.robot)))
+    return files
+
+
+def _packed(logs: tuple[Path, ...]) -> bool:
+    """Whether a packed robot's log was named, which has a map."""
+    return len(logs) == 1 and not logs[0].exists() and asset(str(logs[0]), "map.toml").is_file()
+
+
+def _write_map(folder: Path, names: Iterable[str], text: str) -> Path:
+    """Writes a map under the first name that is free, or has this text already."""
+    paths = (folder / name for name in names)
+    path = next(p for p in paths if not p.exists() or p.read_bytes() == text.encode())
+    write_text(path, text)
+    return path
 
 
 def document(found: Inspection) -> dict[str, object]:

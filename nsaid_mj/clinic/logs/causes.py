@@ -69,7 +69,7 @@ class Judged(NamedTuple):
 def ranked(causes: Sequence[Cause], motion: Motion, robot: RobotModel) -> list[Judged]:
     """The hypotheses, the likeliest first."""
     judged = [Judged(cause, misfit(robot, cause.apply(motion))) for cause in causes]
-    return sorted(judged, key=lambda one: _surprise(one))
+    return sorted(judged, key=_surprise)
 
 
 def _surprise(one: Judged) -> float:
@@ -103,9 +103,7 @@ def velocity_causes(
 
     `measured` are the joints with a velocity of their own that move.
     """
-    found = []
-    for finding, motion in _clocks_of_files(motion, robot, measured):  # noqa: B020
-        found.append(finding)
+    found, motion = _clocks_of_files(motion, measured)
     measured = [j for j in measured if np.ptp(motion.q[:, j]) > 1e-9 and np.std(motion.v[:, j]) > 0]
     order = _order(motion, measured)
     if moved := [j for j in measured if order[j] != j]:
@@ -138,22 +136,28 @@ def velocity_causes(
 
 
 def _relation(motion: Motion) -> tuple[Array, Array]:
-    """(n,) correlations of dq/dt with the velocities, and (n,) their ratios, noise in both alike."""
+    """(n,) correlations of dq/dt with velocities, and (n,) ratios of their standard deviations."""
     together = np.diag(correlation(motion.slopes, motion.v))
     sizes = [np.std(x, axis=0) for x in (motion.slopes, motion.v)]
     return together, np.sign(together) * sizes[0] / np.maximum(sizes[1], 1e-300)
 
 
 def nice(factor: float) -> float:
-    """A factor, or the number of two digits or the ratio of small numbers that is within 1 %."""
+    """A likely number near a factor, else the factor with three digits.
+
+    Noise of the velocities makes an error of one or two per cent: whole numbers and their inverses
+    are taken within 2.5 %, other ratios of small numbers and units within 1 %.
+    """
     size = abs(factor)
     decade = 10.0 ** np.floor(np.log10(size))
-    options = [decade * p / q for p, q in product(range(1, 11), (1, 2, 3, 4, 5, 10))]
-    options += [unit for unit in UNITS]
-    best = min(options, key=lambda x: abs(np.log(x / size)))
-    if abs(np.log(best / size)) > 0.01:
-        best = float(f"{size:.3g}")
-    return float(np.sign(factor) * (best if best in UNITS else float(f"{best:.9g}")))
+    whole = [decade * 10.0**k * p for k in (0, 1) for p in (1, 2, 3, 4, 5)]
+    whole += [10 * decade / p for p in (2, 3, 4, 5, 6, 8)]
+    ratios = [decade * p / q for p, q in product(range(1, 11), (1, 2, 3, 4, 5, 10))]
+    for options, tolerance in ((whole, 0.025), ([*ratios, *UNITS], 0.01)):
+        best = min(options, key=lambda x: abs(np.log(x / size)))
+        if abs(np.log(best / size)) < tolerance:
+            return float(np.sign(factor) * (best if best in UNITS else float(f"{best:.9g}")))
+    return float(np.sign(factor) * float(f"{size:.3g}"))
 
 
 def _largest_group(factors: Array, measured: Sequence[int]) -> list[int]:
@@ -169,29 +173,29 @@ def _common(factors: Array, measured: Sequence[int], group: Sequence[int]) -> bo
     return not right and 3 * len(group) >= 2 * len(measured)
 
 
-def _clocks_of_files(motion: Motion, robot: RobotModel, measured: Sequence[int]):
-    """Findings about files whose clock differs from that of others, each with the mended motion."""
+def _clocks_of_files(motion: Motion, measured: Sequence[int]) -> tuple[list[Finding], Motion]:
+    """Findings about files whose clock differs from that of others, and the mended motion."""
     files = list(dict.fromkeys(motion.file.tolist()))
     if len(files) < 2 or len(measured) < 2:
-        return
+        return [], motion
     factors = {}
     for file in files:
         together, own = _relation(motion.part(motion.file == file))
         good = [j for j in measured if together[j] > AGREES]
-        alike = good and np.ptp(np.log(own[good])) < 2 * _ALIKE
-        if not alike:
-            return
+        if not good or np.ptp(np.log(own[good])) >= 2 * _ALIKE:
+            return [], motion
         factors[file] = float(np.median(own[good]))
     if max(factors.values()) < (1 + FACTOR) * min(factors.values()):
-        return
+        return [], motion
+    found = []
     for file, factor in factors.items():
         if abs(factor - 1) > FACTOR:
             cause = clock_cause(nice(factor), file)
             motion = cause.apply(motion)
             data = {"factor": factor, "map": cause.changes, "factors": factors}
-            text = f"{cause.text}; those of other files do not"
-            remedy = remedy_of(cause.changes)
-            yield Finding("refusal", "clock", file, text, remedy, data), motion
+            text = f"{cause.text}, unlike in other files"
+            found.append(Finding("refusal", "clock", file, text, remedy_of(cause.changes), data))
+    return found, motion
 
 
 def clock_cause(factor: float, file: str = "") -> Cause:

@@ -40,7 +40,7 @@ _OUTSIDE = 2.0  # factor of the error of a joint that leaves the model's limits
 _RETIMED = 0.1  # such a product below which a clock is wrong that no velocity contradicts
 _TIMES = (0.07, 0.1, 0.2, 0.33, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0, 10.0, 14.0)  # clocks to try
 _USUAL = (0.1, 0.2, 0.25, 0.4, 0.5, 1.0, 2.0, 2.5, 4.0, 5.0, 10.0)  # those that are likely
-_NEAR = 0.1  # relative difference from a likely one that masses of the model may make
+_NEAR = 0.03  # relative difference from a likely one at which it is taken
 _NEVER = 20.0  # such a handicap that excludes the other sign
 _OTHER_BASES = np.array([[0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, -1.0]])
 
@@ -64,9 +64,7 @@ def command_causes(motion: Motion, robot: RobotModel) -> list[Finding]:
     return found
 
 
-def _errors(
-    robot: RobotModel, motion: Motion, j: int, forces: tuple[Array, Array], u: Sequence[Array]
-):
+def _errors(motion: Motion, j: int, forces: tuple[Array, Array], u: Sequence[Array]):
     """Errors of commands u of a joint and of −u, three times (3, 2).
 
     Weight, inertia and friction act with the signs of the model; weight has any sign; weight and
@@ -281,7 +279,7 @@ def _wrong_signs(motion: Motion, robot: RobotModel) -> list[int]:
     for j in joints:
         use = few.usable[:, j]
         u = [late(motion, j, delay, rows[use]) for delay in DELAYS]
-        (own, turned), (drives, brakes), (whole, wrong) = _errors(robot, few, j, forces, u).tolist()
+        (own, turned), (drives, brakes), (whole, wrong) = _errors(few, j, forces, u).tolist()
         if turned < min(_CLEARLY * own, _EXPLAINED) and brakes < _DISSIPATES * drives:
             clear.append(j)
         elif own < min(_CLEARLY * turned, _EXPLAINED):

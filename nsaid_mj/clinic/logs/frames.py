@@ -74,10 +74,10 @@ def frame_causes(recordings: Recordings, robot: RobotModel) -> list[Finding]:
         return []
     judged = []
     for pose in _poses(q, vehicle):
-        matches = [_best(part, vehicle) for part in _parts(pose.q, v, rate, vehicle)]
+        matches = [_best(part) for part in _parts(pose.q, v, rate, vehicle)]
         total = pose.handicap + sum(match.error + match.handicap for match in matches)
         judged.append((total, pose, matches))
-    own = [_as_is(part, vehicle) for part in _parts(q, v, rate, vehicle)]
+    own = [_as_is(part) for part in _parts(q, v, rate, vehicle)]
     if not own:
         return []
     _, pose, matches = min(judged, key=lambda one: one[0])
@@ -97,9 +97,7 @@ def frame_causes(recordings: Recordings, robot: RobotModel) -> list[Finding]:
     for match in lost if not found else ():
         text = f"the {match.part.name} velocity does not follow from the pose under any axes"
         text += f" (error {100 * match.error:.2g} %)"
-        remedy = (
-            f"Check its columns, or leave out `linear` and `angular` to differentiate the pose."
-        )
+        remedy = "Check its columns, or leave out `linear` and `angular` to differentiate the pose."
         found.append(Finding("warning", "frame", match.part.name, text, remedy))
     return found
 
@@ -113,7 +111,6 @@ def _poses(q: Array, vehicle: Vehicle | None) -> Iterator[Pose]:
     turn = Rotation.from_quat(q[:, 3:]).as_matrix()
     raw = Rotation.from_matrix(NED.T @ turn @ FRD if ned else turn).as_quat()
     first = vehicle.order == "wxyz"
-    other = np.roll(np.roll(raw, 1, axis=1), 1, axis=1)
     # a log's w, x, y, z was taken for x, y, z, w, or the other way round
     other = np.roll(raw, 1, axis=1) if first else np.roll(raw, -1, axis=1)
     order = "xyzw" if first else "wxyz"
@@ -172,12 +169,12 @@ def _frequency(x: Array, rate: float) -> float:
     return float(max(np.median(bins), 1) * rate / len(x))
 
 
-def _as_is(part: Part, vehicle: Vehicle | None) -> Match:
+def _as_is(part: Part) -> Match:
     """A velocity along the axes that the map states."""
-    return _match(part, "body", np.eye(part.measured.shape[1]), vehicle)
+    return _match(part, "body", np.eye(part.measured.shape[1]))
 
 
-def _match(part: Part, base: str, turn: Array, vehicle: Vehicle | None) -> Match:
+def _match(part: Part, base: str, turn: Array) -> Match:
     other = part.bases[base]
     size = [float(np.sqrt(np.mean(x**2))) for x in (part.measured, other)]
     scale = size[1] / max(size[0], 1e-300)
@@ -191,7 +188,7 @@ def _match(part: Part, base: str, turn: Array, vehicle: Vehicle | None) -> Match
     )
 
 
-def _best(part: Part, vehicle: Vehicle | None) -> Match:
+def _best(part: Part) -> Match:
     """The axes in which a velocity follows best from the pose."""
     k = part.measured.shape[1]
     matches = []
@@ -199,7 +196,7 @@ def _best(part: Part, vehicle: Vehicle | None) -> Match:
         for order, signs in product(permutations(range(k)), product((1.0, -1.0), repeat=k)):
             turn = np.zeros((k, k))
             turn[np.arange(k), order] = signs
-            matches.append(_match(part, base, turn, vehicle))
+            matches.append(_match(part, base, turn))
     return min(matches, key=lambda match: match.error + match.handicap)
 
 
@@ -288,7 +285,7 @@ def _raw(turn: Array, vehicle: Vehicle | None, world: bool) -> Array:
 
 
 def _columns(name: str, turn: Array, vehicle: Vehicle | None) -> dict[str, object]:
-    """The line of the map with the columns of a quantity in the order and signs that undo a turn."""
+    """The line of the map with a quantity's columns in the order and signs that undo a turn."""
     given = getattr(vehicle, name, None) if vehicle is not None else None
     if given is None or len(given) < len(turn):
         return {}

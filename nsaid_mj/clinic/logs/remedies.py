@@ -83,7 +83,7 @@ def words_of(changes: Mapping[str, object]) -> str:
 
 
 def composed(changes: Mapping[str, object], map_: Mapping[str, Any]) -> dict[str, object]:
-    """Changes on top of what a parsed map states: factors are multiplied, swaps follow each other."""
+    """Changes on top of what a parsed map states: factors multiply, swaps follow each other."""
     found: dict[str, object] = {}
     for name, value in changes.items():
         table, key = name.rsplit(".", 1)
