@@ -85,8 +85,9 @@ class Change:
     words: str = ""
 
 
-def draw(seed: int, kind: str, robot: str = "") -> Drawn:
-    """A draw of a kind, of a drawn robot or the named one."""
+def draw(seed: int, kind: str = "", robot: str = "") -> Drawn:
+    """A draw of a kind, by default one after another, and of a drawn robot or the named one."""
+    kind = kind or list(KINDS)[seed % len(KINDS)]
     rng = np.random.default_rng([seed, sorted(KINDS).index(kind)])
     files = 2 if kind.endswith("of a file") else 1
     healthy, own = (_vehicle if kind in VEHICLE_KINDS else _arm)(rng, seed, kind, robot, files)

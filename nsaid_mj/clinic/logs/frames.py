@@ -298,12 +298,20 @@ def _columns(name: str, turn: Array, vehicle: Vehicle | None) -> dict[str, objec
     return {f"vehicle.{name}": names}
 
 
+def _off(match: Match) -> bool:
+    """Whether a velocity has another scale than the pose, whichever of both has the noise."""
+    together = max(1 - 2 * match.error, 0.0)  # their correlation
+    low = together * match.scale
+    high = match.scale / max(together, 1e-3)
+    return low > 1 + _FACTOR or high < 1 - _FACTOR
+
+
 def _clock(matches: Sequence[Match]) -> list[Finding]:
     """The finding of a clock, or of one velocity in another unit."""
     from .causes import DEGREES, nice
 
     good = [m for m in matches if m.error < 0.3]
-    off = [m for m in good if abs(m.scale - 1) > _FACTOR]
+    off = [m for m in good if _off(m)]
     if not off:
         return []
     scales = [m.scale for m in good]
