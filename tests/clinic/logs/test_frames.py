@@ -66,3 +66,11 @@ def test_rates_in_degrees_per_second_are_named():
     (finding,) = _findings(healthy.map, table)
     assert finding.data["map"] == {"vehicle.angular_unit": "deg/s"}
     assert _findings(mended(healthy.map, remedies([finding])), table) == []
+
+
+def test_a_noisy_pose_is_no_other_scale():
+    rng = np.random.default_rng(0)
+    table = dict(_drawn().tables[0])
+    for name in ("qx", "qy", "qz", "qw", "x", "y", "z"):
+        table[name] = table[name] + 0.02 * rng.standard_normal(len(table[name]))
+    assert _findings(_drawn().map, table) == []
