@@ -50,6 +50,8 @@ class Identify:
             for none.
         delay: auto, or comma-separated delays of the commands [s], one or one per command.
         cutoff: cut-off frequency of the low-pass filter [Hz]; by default from the motion.
+        fix: apply the remedies of the log's findings to its map first, and keep them if no
+            contradiction follows; writes map-fixed.toml.
         law: batch, the fit to all rows at once; or efficient, memory, cone, paper, which also
             follow the log, sample by sample, and are compared with it; servos: batch.
         limit: largest size of an unpacked log file [GB].
@@ -72,6 +74,7 @@ class Identify:
     columns: str = "auto"
     delay: str = "auto"
     cutoff: float | None = None
+    fix: bool = False
     law: str = "batch"
     limit: float = 4.0
     out: Path | None = None
@@ -95,6 +98,8 @@ class Inspect:
         map: TOML file with the meaning of columns; by default they are matched by name.
         lock: comma-separated joints that do not move.
         joints: comma-separated joints that move; all others are locked.
+        fix: apply the remedies of the findings to the map, and keep them if no contradiction
+            follows; writes map-fixed.toml.
         limit: largest size of an unpacked log file [GB].
         out: folder of the map and the picture.
         json: print figures and findings as JSON.
@@ -105,6 +110,7 @@ class Inspect:
     map: Path | None = None
     lock: str = ""
     joints: str = ""
+    fix: bool = False
     limit: float = 4.0
     out: Path = Path()
     json: bool = False

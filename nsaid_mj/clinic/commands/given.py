@@ -22,6 +22,7 @@ class ToIdentify(Protocol):
     columns: str
     delay: str
     cutoff: float | None
+    fix: bool
     law: str
     limit: float
     out: Path | None
@@ -38,6 +39,7 @@ class ToInspect(Protocol):
     map: Path | None
     lock: str
     joints: str
+    fix: bool
     limit: float
     out: Path
     json: bool

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, fields, replace
 from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...base import InvalidInput, numbers_in, print_json, printable, reading, write_json
+from ...base import (
+    InvalidInput,
+    numbers_in,
+    print_json,
+    printable,
+    reading,
+    write_json,
+    write_text,
+)
 from ...lab import check_writable, folder_for_results
 from ...report import EXPLAINED, UNUSABLE, code_of
 from ...robots import asset
@@ -18,12 +27,14 @@ from .checks import check_identify, check_inspect, known_number, names_in
 if TYPE_CHECKING:
     from ...lab import Progress
     from ...report import Page
+    from ..identify.fixing import Fix
     from ..identify.inspection import Inspection
     from ..identify.result import Identification
     from ..servos.logs import ServoLogs
     from .given import ToIdentify, ToInspect
 
 RESULT = "identification.json"
+FIXED = "map-fixed.toml"
 
 
 def identify_log(chosen: ToIdentify) -> int:
@@ -56,6 +67,8 @@ def _identify(model: str, chosen: ToIdentify, folder: Path) -> int:
     with Progress(Path(model).stem, quiet=quiet) as progress:
         progress.say("reading the model and the log")
         try:
+            if chosen.fix:
+                chosen = _mended(model, chosen, folder, quiet)
             given = servos_of(model, chosen.log, chosen, chosen.map)
             if given is not None:
                 page, files = identify_given(model, given, chosen, folder / RESULT, progress)
@@ -73,6 +86,28 @@ def _identify(model: str, chosen: ToIdentify, folder: Path) -> int:
     elif not chosen.quiet:
         print_page(page, Console(), files)
     return max(code_of(page.result), int(ended))
+
+
+def _mended(model: str, chosen: ToIdentify, folder: Path, quiet: bool) -> ToIdentify:
+    """The arguments with the map that the log's findings ask for, which is written to a folder."""
+    from ..identify.fixing import fix
+    from ..identify.identify import files_of
+    from ..identify.models import load_robot_model
+
+    files, _ = files_of(model, list(chosen.log), None)
+    own = chosen.map or asset(model, "map.toml")
+    text = own.read_text("utf-8") if own.is_file() and (chosen.map or not chosen.log) else ""
+    robot = load_robot_model(model, names_in(chosen.lock), names_in(chosen.joints) or None)
+    found = fix(files, text, robot)
+    if not quiet:
+        print("\n".join(map(printable, found.lines)), file=sys.stderr)
+    if not found.kept:
+        return chosen
+    folder.mkdir(parents=True, exist_ok=True)
+    write_text(folder / FIXED, found.text)
+    if not quiet:
+        print(printable(str(folder / FIXED)), file=sys.stderr)
+    return replace(chosen, map=folder / FIXED)  # pyright: ignore[reportArgumentType]
 
 
 def _identified(model: str, chosen: ToIdentify, folder: Path, progress: Progress) -> Identification:
@@ -95,12 +130,15 @@ def _identified(model: str, chosen: ToIdentify, folder: Path, progress: Progress
     )
 
 
+_OF_OUTPUT = {"packed", "out", "force", "fix", "json", "quiet"}
+
+
 def repeated(chosen: ToIdentify) -> str:
     """The command line of an identification, without the options that affect only its output."""
     words = ["nsaid", "identify", *([chosen.packed] if chosen.packed else [])]
     for field in fields(chosen):
         value = getattr(chosen, field.name)
-        if value == field.default or field.name in {"packed", "out", "force", "json", "quiet"}:
+        if value == field.default or field.name in _OF_OUTPUT:
             continue
         flag = f"--{field.name.replace('_', '-')}"
         several = isinstance(value, tuple)
@@ -231,13 +269,34 @@ def inspect_log(chosen: ToInspect) -> int:
         raise InvalidInput("logs", "one or more files", "none", "Such as `nsaid inspect log.csv`.")
     check_writable(chosen.out)
     check_inspect(chosen)
-    from ...base import write_text
-    from ...report import is_own
+    from ..logs.formats import limited_to
+
+    with limited_to(chosen.limit * 1e9):
+        found, fixed = _inspected(chosen)
+    with reading(*chosen.logs, chosen.map, chosen.model):
+        chosen.out.mkdir(parents=True, exist_ok=True)
+        files = _files_of_inspection(chosen, found, fixed)
+    if chosen.json:
+        print_json(document(found) | ({"fix": fixed.document()} if fixed else {}))
+    else:
+        from rich.console import Console
+
+        from ..identify.inspection_page import print_inspection
+
+        print_inspection(found, Console(highlight=False))
+        for line in fixed.lines if fixed else ():
+            print(printable(line))
+        for path in files:
+            print(printable(str(path)))
+    refused = any(f.level == "refusal" or f.code == "unmatched" for f in found.findings)
+    return UNUSABLE if refused else EXPLAINED
+
+
+def _inspected(chosen: ToInspect) -> tuple[Inspection, Fix | None]:
+    """The inspection of the logs, and the remedies tried on their map, if asked for."""
+    from ..identify.fixing import fix
     from ..identify.identify import files_of
     from ..identify.inspection import inspect
-    from ..identify.inspection_page import draw_inspection
-    from ..logs.first_map import first_map
-    from ..logs.formats import limited_to
     from ..logs.mapping import read_map
     from ..logs.tables import read_tables
 
@@ -253,33 +312,45 @@ def inspect_log(chosen: ToInspect) -> int:
         from ..identify.models import load_robot_model
 
         robot = load_robot_model(model, names_in(chosen.lock), names_in(chosen.joints) or None)
-    with limited_to(chosen.limit * 1e9):
-        tables = read_tables(logs, mapping)
-    found = inspect(tables, mapping, robot)
-    with reading(*chosen.logs, chosen.map, chosen.model):
-        chosen.out.mkdir(parents=True, exist_ok=True)
-        names = chain((PICTURE,), map("inspection-{}.png".format, count(2)))
-        paths = (chosen.out / name for name in names)
-        files = [draw_inspection(found, next(p for p in paths if not p.exists() or is_own(p)))]
-        if found.robot is not None and mapping is None:
-            text = first_map(found.tables, found.robot)
-            names = map("map-new-{}.toml".format, count(2))
-            paths = (chosen.out / name for name in chain((MAP, "map-new.toml"), names))
-            path = next(p for p in paths if not p.exists() or p.read_bytes() == text.encode())
-            write_text(path, text)
-            files.append(path)
-    if chosen.json:
-        print_json(document(found))
-    else:
-        from rich.console import Console
+    if not chosen.fix:
+        return inspect(read_tables(logs, mapping), mapping, robot), None
+    if robot is None:
+        raise InvalidInput("--fix", "a model to judge the log by", "none", "Give --model.")
+    own = chosen.map or asset(name, "map.toml")
+    text = own.read_text("utf-8") if mapping is not None and own.is_file() else ""
+    fixed = fix(logs, text, robot)
+    return fixed.after, fixed
 
-        from ..identify.inspection_page import print_inspection
 
-        print_inspection(found, Console(highlight=False))
-        for path in files:
-            print(printable(str(path)))
-    refused = any(f.level == "refusal" or f.code == "unmatched" for f in found.findings)
-    return UNUSABLE if refused else EXPLAINED
+def _files_of_inspection(chosen: ToInspect, found: Inspection, fixed: Fix | None) -> list[Path]:
+    """Draws the picture and writes a map: the mended one, or a first one if none is given."""
+    from ...report import is_own
+    from ..identify.inspection_page import draw_inspection
+    from ..logs.first_map import first_map
+
+    names = chain((PICTURE,), map("inspection-{}.png".format, count(2)))
+    paths = (chosen.out / name for name in names)
+    files = [draw_inspection(found, next(p for p in paths if not p.exists() or is_own(p)))]
+    if fixed is not None and fixed.kept:
+        names = chain((FIXED,), map("map-fixed-{}.toml".format, count(2)))
+        files.append(_write_map(chosen.out, names, fixed.text))
+    elif found.robot is not None and chosen.map is None and not _packed(chosen.logs):
+        names = chain((MAP, "map-new.toml"), map("map-new-{}.toml".format, count(2)))
+        files.append(_write_map(chosen.out, names, first_map(found.tables, found.robot)))
+    return files
+
+
+def _packed(logs: tuple[Path, ...]) -> bool:
+    """Whether a packed robot's log was named, which has a map."""
+    return len(logs) == 1 and not logs[0].exists() and asset(str(logs[0]), "map.toml").is_file()
+
+
+def _write_map(folder: Path, names: Iterable[str], text: str) -> Path:
+    """Writes a map under the first name that is free, or has this text already."""
+    paths = (folder / name for name in names)
+    path = next(p for p in paths if not p.exists() or p.read_bytes() == text.encode())
+    write_text(path, text)
+    return path
 
 
 def document(found: Inspection) -> dict[str, object]:

@@ -1,6 +1,6 @@
 """A tree of joints: its gains guessed from the log, and checks that need a fit.
 
-These find reversed and swapped commands, wrong units, and too few rows.
+These find swapped commands, wrong units, and too few rows.
 """
 
 from dataclasses import replace
@@ -12,11 +12,10 @@ from ...base import Finding
 from ...core import Array
 from ...robots import RobotModel, with_inertias
 from .choose.columns import BROAD, Choice
-from .choose.held_out import held_out_errors, joint_columns, rms
-from .fit import minimise
+from .choose.held_out import held_out_errors, rms
 from .joints import JointRows
 from .links import file_links
-from .problem import FitProblem, mean_squares
+from .problem import mean_squares
 
 STATED = 0.15
 GUESSED = 2.0
@@ -113,10 +112,7 @@ def _guessed(rows: JointRows, commands: Array) -> Array:
 
 
 _SWAPPED = 0.7  # ratio of held-out errors below which another command fits a joint better
-_NOTHING = 0.9  # NRMSE above which a command hardly affects the motion, whatever its sign
-_LIKELIER = 10.0  # fall of the cost that convicts a reversed command
 _UNIT = 20.0  # ratio of stated to needed forces that suggests another unit
-_FRICTION = frozenset({"viscous", "coulomb", "load", "quadratic", "cubic"})
 _ENOUGH = 50.0  # rows per second from which stated intervals hold
 _ROWS = 3.0  # usable rows per column that a joint needs
 
@@ -175,52 +171,3 @@ def _swapped(
     )
     remedy = "Correct the columns of u in the map."
     return [Finding("refusal", "swapped", ", ".join(better), text, remedy, {"columns": better})]
-
-
-def reversed_commands(rows: JointRows, choice: Choice, problem: FitProblem) -> list[Finding]:
-    """Commands against which friction would do positive work.
-
-    Candidates come from least squares of each joint's own row; a command is reported if the
-    physical fit, with structure `choice`, is better with −u.
-    """
-    u = rows.commands(choice.delay)
-    names = rows.robot.joints
-    gains = zip(rows.driven, problem.space.actuators, strict=True)
-    suspects = [(j, at) for j, at in gains if _driven_by_friction(rows, choice, u[:, j], j)]
-    if not suspects:
-        return []
-    findings = []
-    own = minimise(problem).cost
-    for j, at in suspects:
-        Y = problem.Y.copy()
-        Y[:, :, at] *= -1
-        turned = replace(problem, Y=Y)
-        fit = minimise(turned)
-        explained = turned.nrmse(fit.theta)[j] < _NOTHING
-        if explained and fit.cost < own - _LIKELIER:
-            text = (
-                "the sign of its command seems to be reversed: as it is, friction would have to "
-                "drive the motion, and −u fits"
-            )
-            remedy = f"Set `sign = -1` for the command of {names[j]} in the map."
-            data = {"cost": own, "cost_reversed": fit.cost}
-            findings.append(Finding("refusal", "reversed_sign", names[j], text, remedy, data))
-    return findings
-
-
-def _driven_by_friction(rows: JointRows, choice: Choice, u: Array, joint: int) -> bool:
-    """Whether least squares of a joint's row yields friction that accelerates."""
-    usable = rows.usable[:, joint]
-    if not usable.any():
-        return False
-    kinds = sorted(choice.columns[joint] & _FRICTION)
-    friction = np.column_stack([rows.column(c, joint, choice)[usable] for c in kinds])
-    friction = friction / np.maximum(np.sqrt(np.mean(friction**2, axis=0)), 1e-300)
-    without = replace(choice, columns=tuple(columns - _FRICTION for columns in choice.columns))
-    others = joint_columns(rows, without, joint)[usable]
-    A = np.hstack([friction, others])
-    ridge = 1e-2 * np.sqrt(len(A)) * np.eye(A.shape[1])
-    target = np.concatenate([u[usable], np.zeros(len(ridge))])
-    beta = np.linalg.lstsq(np.vstack([A, ridge]), target, rcond=None)[0]
-    speed = rows.diagonal["viscous"][usable, joint]
-    return float(np.mean((friction @ beta[: len(kinds)]) * np.sign(speed))) < 0

@@ -3,23 +3,26 @@
 Reversed or swapped commands and delays need a fit and are not checked here.
 """
 
+from collections.abc import Container, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from ...base import Finding, pin, refused
 from ...core import Array, number, positions, rounded, slides
 from ...robots import RobotModel
-from . import signals
+from .causes import CLEAR, DEGREES, velocity_causes
+from .command_causes import command_causes
+from .evidence import Motion, limits, misfit, motion_of, scaled
+from .frames import frame_causes
 from .recordings import Recordings
+from .remedies import remedy_of
 from .unusable import UnusableLog
 
-DEGREES = 180 / np.pi
 SHORT = 5.0  # seconds of usable rows below which a log is warned about or refused
 TOO_SHORT = 1.0
-_AGREES = 0.9  # correlation of a velocity with dq/dt below which they contradict each other
-_FACTOR = 0.15  # relative error of a velocity's scale that noise and delay do not explain
+_DEGREES_APART = 3.0  # range of a position over the model's from which it is in degrees
+_STILL = 0.01  # travel of a joint that moves in a file [rad or m]
 _MOVES = 0.05  # share of usable rows below which a joint hardly moves
 _ROWS = 2000  # at most, for the model's torques
 
@@ -32,25 +35,18 @@ def checked(recordings: Recordings, robot: RobotModel) -> Recordings:
     return replace(recordings, findings=findings)
 
 
-class LogMotion(NamedTuple):
-    """All segments in one piece, low-passed alike."""
-
-    q: Array  # (N, n) positions
-    slopes: Array  # (N, n) their derivatives
-    v: Array  # (N, n) velocities
-    u: Array  # (N, n_u) commands
-
-
 def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     """Findings about recordings of a robot; refusals where no fit can be trusted.
 
     Codes: `dead_channel`, `at_rest`, `short_log`, `degrees`, `beyond_limits`, `velocity_mismatch`,
     `swapped_columns` and `milliamps`.
     """
-    motion = _motion(recordings)
+    motion = motion_of(recordings)
     remedy = "Map the column of its torque or current, or leave the joint out with --lock."
-    found = _dead("command", motion.u, 0.0, robot, remedy)
+    commands = np.concatenate([segment.log.u for segment in recordings.segments])
+    found = _dead("command", commands, 0.0, robot, remedy)
     found = [finding for finding in found if finding.where not in robot.passive]
+    found += _dead_in_files(recordings, robot, {finding.where for finding in found})
     usable = np.concatenate([segment.usable for segment in recordings.segments])
     seconds = float(np.sum(usable.any(axis=1)) / recordings.rate)
     if seconds < SHORT:
@@ -59,7 +55,7 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
         level = "refusal" if seconds < TOO_SHORT else "warning"
         found.append(Finding(level, "short_log", "", text, remedy, {"seconds": seconds}))
     if not robot.jointed:
-        return tuple(found)
+        return _first_clocks([*found, *frame_causes(recordings, robot)])
     remedy = "Map the column of its position, or leave the joint out with --lock."
     still = _dead("position", motion.q, 1e-9, robot, remedy)
     found += still
@@ -80,24 +76,25 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     }
     names = enumerate(robot.joints)
     measured = [j for j, name in names if name not in derived and j not in resting]
-    found += _velocities(motion, robot, measured)
-    reported = {finding.where for finding in found}
+    said, motion = velocity_causes(motion, robot, measured)
+    found += said
+    reported = {name for finding in found for name in finding.where.split(", ")}
     speeds = np.quantile(np.abs(motion.slopes), 0.95, axis=0)
-    found += [f for f in beyond_limits(motion.q, speeds, robot) if f.where not in reported]
+    beyond = beyond_limits(motion.q, speeds, robot)
+    beyond = [f for f in beyond if f.where not in reported]
+    found += in_degrees(beyond, robot, measured, motion)
+    if not refused(f for f in found if f.code in ("beyond_limits", "degrees")):
+        found += command_causes(motion, robot)
     if not robot.weightless and not refused(found):
         found += _large_commands(motion, recordings, robot)
-    return tuple(found)
+    return _first_clocks(found)
 
 
-def _motion(recordings: Recordings) -> LogMotion:
-    parts = []
-    cut = min(10.0, recordings.rate / 5) / (0.5 * recordings.rate)
-    for segment in recordings.segments:
-        _, q, v, u = segment.log
-        poses = q.shape[1] != v.shape[1]
-        slopes = v if poses else np.gradient(q, 1 / recordings.rate, axis=0)
-        parts.append((q, signals.low_pass(slopes, cut), signals.low_pass(v, cut), u))
-    return LogMotion(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+def _first_clocks(found: list[Finding]) -> tuple[Finding, ...]:
+    """The findings without the length of a log whose clock is wrong."""
+    if not any(finding.code == "clock" for finding in found):
+        return tuple(found)
+    return tuple(finding for finding in found if finding.code != "short_log")
 
 
 def _dead(what: str, x: Array, least: float, robot: RobotModel, remedy: str) -> list[Finding]:
@@ -111,70 +108,26 @@ def _dead(what: str, x: Array, least: float, robot: RobotModel, remedy: str) -> 
     ]
 
 
-# -- velocities against positions ----------------------------------------------------------------
-
-
-def _velocities(motion: LogMotion, robot: RobotModel, measured: list[int]) -> list[Finding]:
-    """Contradictions between measured velocities and the derivatives of positions."""
-    found: list[Finding] = []
-    together = correlation(motion.slopes, motion.v)
-    swapped: set[int] = set()
-    for j in measured:
-        if np.ptp(motion.q[:, j]) < 1e-9 or np.std(motion.v[:, j]) == 0 or j in swapped:
-            continue
-        others = [i for i in measured if i != j]
-        best = max(others, key=lambda i: abs(together[i, j]), default=j)
-        if abs(together[j, j]) < 0.7 and abs(together[best, j]) > _AGREES:
-            swapped |= {j, best}
-            found.append(_swapped(robot.joints[j], robot.joints[best], together[best, j]))
-            continue
-        finding = _scale(robot.joints[j], motion.slopes[:, j], motion.v[:, j], together[j, j])
-        found += [finding] if finding else []
+def _dead_in_files(
+    recordings: Recordings, robot: RobotModel, dead: Container[str]
+) -> list[Finding]:
+    """Refusals of files in which a command never changes while its joint moves."""
+    if not robot.jointed:
+        return []
+    found = []
+    for file in dict.fromkeys(segment.source for segment in recordings.segments):
+        logs = [segment.log for segment in recordings.segments if segment.source == file]
+        u = np.concatenate([log.u for log in logs])
+        moves = np.max([np.ptp(log.q, axis=0) for log in logs], axis=0) > _STILL
+        for j, name in enumerate(robot.joints):
+            if np.ptp(u[:, j]) > 0 or name in dead or name in robot.passive or not moves[j]:
+                continue
+            text = f"the command of {name} is {number(float(u[0, j]))} in all rows of this file, "
+            text += "while the joint moves"
+            remedy = "Leave this file out, or map the column that holds the command in it."
+            data = {"joint": name}
+            found.append(Finding("refusal", "dead_channel", file, text, remedy, data))
     return found
-
-
-def correlation(a: Array, b: Array) -> Array:
-    """(k, l) correlation of columns of a (N, k) with columns of b (N, l); 0 for constant ones."""
-    centred = [x - x.mean(axis=0) for x in (a, b)]
-    sizes = [np.linalg.norm(x, axis=0) for x in centred]
-    product = centred[0].T @ centred[1]
-    scale = np.outer(*sizes)
-    return np.divide(product, scale, out=np.zeros_like(product), where=scale > 0)
-
-
-def _swapped(joint: str, other: str, together: float) -> Finding:
-    text = f"the velocity correlates with the position of {other} (correlation {together:.2f})"
-    remedy = "Two columns are swapped: correct the order of positions or velocities in map.toml."
-    data = {"joints": [joint, other], "correlation": float(together)}
-    return Finding("refusal", "swapped_columns", joint, text, remedy, data)
-
-
-def _scale(joint: str, slope: Array, v: Array, together: float) -> Finding | None:
-    """Checks the scale and sign of a velocity."""
-    factor = float(slope @ v / (v @ v))
-    data = {"factor": factor, "correlation": float(together)}
-    if abs(together) < _AGREES:
-        level = "refusal" if abs(together) < 0.5 else "warning"
-        text = f"the velocity hardly correlates with dq/dt (correlation {together:.2f})"
-        remedy = "Check which column is its velocity; leave it out to differentiate the position."
-        return Finding(level, "velocity_mismatch", joint, text, remedy, data)
-    for ratio, units in (
-        (DEGREES, "the position is in degrees and the velocity in rad/s"),
-        (1 / DEGREES, "the velocity is in deg/s and the position in rad"),
-    ):
-        if abs(factor / ratio - 1) < _FACTOR:
-            text = f"{units}: dq/dt is {number(factor, significant=3)} times the velocity"
-            remedy = "State the unit in map.toml."
-            return Finding("refusal", "degrees", joint, text, remedy, data)
-    if abs(factor - 1) > _FACTOR:
-        sign = abs(factor + 1) < _FACTOR
-        text = "the velocity has the opposite sign of dq/dt"
-        if not sign:
-            text = f"dq/dt is {number(factor, significant=3)} times the velocity"
-        remedy = f"Set {'sign' if sign else 'unit or ratio'} of the velocity or position in "
-        remedy += "map.toml."
-        return Finding("refusal", "velocity_mismatch", joint, text, remedy, data)
-    return None
 
 
 # -- sizes against the model ----------------------------------------------------------------------
@@ -220,24 +173,59 @@ def beyond_limits(q: Array, speeds: Array, robot: RobotModel) -> list[Finding]:
     return found
 
 
-def limits(robot: RobotModel, name: str) -> tuple[float, float, float]:
-    """Lowest and highest position and largest speed of a joint; infinite without a limit."""
-    model = robot.model
-    joint = model.joints[model.getJointId(name)]
-    if joint.nq != 1:
-        return -np.inf, np.inf, 6.0
-    low = float(model.lowerPositionLimit[joint.idx_q])
-    high = float(model.upperPositionLimit[joint.idx_q])
-    fastest = float(model.velocityLimit[joint.idx_v])
-    bounded = high > low and high - low < 1e3
-    return (
-        low if bounded else -np.inf,
-        high if bounded else np.inf,
-        fastest if 0 < fastest < 1e3 else 6.0,
-    )
+def in_degrees(
+    found: list[Finding], robot: RobotModel, measured: Sequence[int], motion: Motion
+) -> list[Finding]:
+    """Findings of `beyond_limits`, with one in place of those that take positions for degrees.
+
+    Velocities that are `measured` agree with these positions, and are in degrees, too. Of joints
+    without limits, the commands must fit the model better then.
+    """
+    some = [f for f in found if f.code == "degrees"]
+    limited = [f for f in some if f.level == "refusal"]
+    sure = [f for f in limited if _widths(f) > _DEGREES_APART]
+    if not limited and some:
+        small = scaled([robot.joints.index(f.where) for f in some], 1 / DEGREES, motion)
+        if misfit(robot, small) < CLEAR * misfit(robot, motion):
+            sure = some
+    if not sure:
+        less = "Check offset, sign and the order of joints in map.toml."
+        return [
+            replace(f, level="warning", code="beyond_limits", remedy=less) if f in limited else f
+            for f in found
+        ]
+    names = [f.where for f in some]
+    turning = [n for n, unit in zip(robot.joints, robot.units, strict=True) if unit == "rad"]
+    every = len(turning) == len(robot.joints) and 2 * len(names) >= len(turning)
+    joints = turning if 2 * len(names) >= len(turning) else names
+    value: object = "deg" if every else dict.fromkeys(joints, "deg")
+    changes = {"factors.position": value}
+    fast = [n for n in joints if robot.joints.index(n) in measured]
+    if fast:
+        whole = every and len(fast) == len(robot.joints)
+        changes["factors.velocity"] = "deg/s" if whole else dict.fromkeys(fast, "deg/s")
+    widest = max(limited or some, key=_widths)
+    who = f"the positions of {len(joints)} joints are" if joints[1:] else "the position is"
+    text = f"{who} in degrees: {widest.where if joints[1:] else 'it'} {_reach(widest)}"
+    data = {"joints": joints, "map": changes}
+    remedy = f"{remedy_of(changes)} State `ratio` if they are motor angles, `points` if they are "
+    remedy += "parts of a range, as LeRobot's -100 to 100."
+    where = "" if len(joints) == len(robot.joints) and joints[1:] else ", ".join(joints)
+    rest = [f for f in found if f not in some]
+    return [Finding("refusal", "degrees", where, text, remedy, data), *rest]
 
 
-def _large_commands(motion: LogMotion, recordings: Recordings, robot: RobotModel) -> list[Finding]:
+def _reach(found: Finding) -> str:
+    return found.text.removeprefix("the position ")
+
+
+def _widths(found: Finding) -> float:
+    """The range of a position over that of the model."""
+    (least, most), (low, high) = (found.data[key] for key in ("range", "limits"))  # type: ignore[misc]
+    return float(most - least) / min(high - low, 2 * np.pi)
+
+
+def _large_commands(motion: Motion, recordings: Recordings, robot: RobotModel) -> list[Finding]:
     """Commands far larger than the model's torques make plausible."""
     model = robot.model
     data = robot.model.createData()

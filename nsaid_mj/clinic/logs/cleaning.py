@@ -12,6 +12,7 @@ import numpy as np
 from ...base import Finding, Level
 from ...core import Array, Log, continuous_signs, number
 from . import signals
+from .clocks import regular
 from .layout import ChannelSource, Layout
 from .recordings import LogSegment
 from .signals import Signal
@@ -47,8 +48,7 @@ def clean(table: LogTable, layout: Layout) -> tuple[Cleaned, tuple[Finding, ...]
     Rows without a value or out of order are dropped, angles continued across whole turns, and
     outliers of positions and velocities interpolated. Every step adds a finding.
     """
-    table = _same_signs(table, layout)
-    findings: list[Finding] = []
+    table, findings = _on_regular_clocks(_same_signs(table, layout), layout)
     orders: dict[int, signals.Order] = {}
     found: dict[str, Signal] = {}
     for source in layout.sources:
@@ -61,6 +61,34 @@ def clean(table: LogTable, layout: Layout) -> tuple[Cleaned, tuple[Finding, ...]
             findings += [finding for finding in said if finding not in findings]
         found[name] = _clean_one(table.source, source, channel, orders[key], findings)
     return Cleaned(table.source, layout, found), tuple(findings)
+
+
+def _on_regular_clocks(table: LogTable, layout: Layout) -> tuple[LogTable, list[Finding]]:
+    """A table with regular times in place of stamps that scatter about them, and findings."""
+    findings = []
+    channels = dict(table.channels)
+    clocks = {id(channel.t): channel.t for channel in channels.values()}
+    for key, t in clocks.items():
+        values = []
+        for source in layout.positions:
+            channel = channels[source.column.column]
+            if id(channel.t) == key and np.isfinite(channel.values).all():
+                turn = np.sign(source.factor) * abs(source.column.ratio) * source.factor
+                x = signals.unwrap(channel.values * turn)[0] if source.angle else channel.values
+                values.append(x)
+        if (clock := regular(t, values)) is None:
+            continue
+        channels |= {
+            name: Channel(clock.t, channel.values)
+            for name, channel in channels.items()
+            if id(channel.t) == key
+        }
+        text = f"the stamps scatter by {clock.scatter * 1e3:.2g} ms about a regular clock of "
+        text += f"{1 / clock.period:.4g} Hz, on which the positions are smoother and {clock.lost} "
+        text += "rows are missing; its times are used"
+        data = {"period": clock.period, "scatter": clock.scatter, "lost": clock.lost}
+        findings.append(Finding("note", "jitter", table.source, text, data=data))
+    return replace(table, channels=channels), findings
 
 
 def _same_signs(table: LogTable, layout: Layout) -> LogTable:

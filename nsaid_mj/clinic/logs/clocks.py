@@ -1,6 +1,7 @@
 """Times of a log in seconds, from any clock and unit."""
 
 import re
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,14 @@ class Clock(NamedTuple):
     origin: int  # the file's own time at t = 0 [ns]
     unit: str  # `s`, `ms`, `us`, `ns` or `date`
     guessed: bool  # whether the unit is inferred from the magnitude of the numbers alone
+
+    def scaled(self, scale: float) -> "Clock":
+        """The clock with its times multiplied, of one that runs too fast or too slowly."""
+        return (
+            self
+            if scale == 1
+            else self._replace(t=scale * self.t, origin=round(scale * self.origin))
+        )
 
 
 def with_whole_stamps(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -134,3 +143,107 @@ def _dates(texts: np.ndarray) -> np.ndarray | None:
         return np.array(plain, dtype="datetime64[ns]")
     except ValueError:
         return None
+
+
+# -- stamps that scatter about a regular clock -----------------------------------------------------
+
+_LAG = 200  # rows over which the period is taken
+_SPREAD = 0.1  # half the spread of intervals, 5 % to 95 %, over their median from which it is tried
+_SMOOTHER = 0.8  # ratio of roughness below which positions are on the regular clock
+_MOST_LOST = 0.2  # share of lost rows above which there is no regular clock
+_SURE = 0.2  # deviation of a count of periods, from the positions' steps, up to which it is sure
+_MISSED = 20  # lost rows, at most, that positions at rest do not show
+_RARE = 12.0  # cost of such a row, in squares of deviations
+
+
+class Regular(NamedTuple):
+    """The regular clock about which stamps scatter."""
+
+    t: Array  # (N,) times [s]
+    period: float  # [s]
+    lost: int  # rows that are missing
+    scatter: float  # standard deviation of the stamps [s]
+
+
+def regular(t: Array, positions: Sequence[Array]) -> Regular | None:
+    """The regular clock of stamps t (N,) [s], if positions (N,) are smoother on it; else None.
+
+    A sensor that is read at a fixed rate is often stamped late, by a process that waits, and some
+    rows are lost: a position then takes two steps at once. Sampling that is irregular itself gives
+    smooth positions at its own times.
+    """
+    if len(t) < 2 * _LAG or not positions or not np.isfinite(t).all():
+        return None
+    steps = np.diff(t)
+    low, high = np.quantile(steps, [0.05, 0.95])
+    typical = float(np.median(steps))
+    if typical <= 0 or high - low < 2 * _SPREAD * typical or np.abs(steps).max() > 1.0:
+        return None
+    count = np.r_[0, np.cumsum(_periods(np.column_stack(positions)))]
+    lagged = (t[_LAG:] - t[:-_LAG]) / (count[_LAG:] - count[:-_LAG])
+    count = count + _unseen(t - float(np.median(lagged)) * count, float(np.median(lagged)))
+    period, start = np.polyfit(count, t, 1)
+    even = start + period * count
+    lost = int(count[-1]) + 1 - len(t)
+    if lost > _MOST_LOST * len(t) or period <= 0:
+        return None
+    ratios = [_roughness(even, x) / max(_roughness(t, x), 1e-300) for x in positions]
+    if np.median(ratios) > _SMOOTHER:
+        return None
+    return Regular(even, float(period), lost, float(np.std(t - even)))
+
+
+def _periods(x: Array) -> np.ndarray:
+    """(N − 1,) periods between rows, from the steps of positions x (N, k) beside their neighbours'.
+
+    1 where the positions move too slowly to tell.
+    """
+    steps = np.diff(x, axis=0)
+    padded = np.pad(steps, ((2, 2), (0, 0)), mode="edge")
+    beside = np.stack([padded[:-4], padded[1:-3], padded[3:-1], padded[4:]])
+    usual = np.median(beside, axis=0)
+    noise = np.median(np.abs(np.diff(steps, 2, axis=0)), axis=0) / 0.6745
+    weight = usual / np.maximum(noise, 1e-300) ** 2
+    information = np.maximum(np.sum(weight * usual, axis=1), 1e-300)
+    found = np.sum(weight * steps, axis=1) / information
+    sure = information**-0.5 < _SURE
+    return np.where(sure, np.clip(np.round(found), 1, 50), 1).astype(int)
+
+
+def _unseen(shift: Array, period: float) -> np.ndarray:
+    """(N,) further periods before each row, by the likeliest path through the stamps' shifts (N,).
+
+    The path never falls, and every rise costs as much as a few outliers (Viterbi's algorithm).
+    """
+    near = shift - np.median(shift[:50])
+    scatter = max(float(np.median(np.abs(np.diff(near)))) / 0.954, 1e-3 * period)
+    states = np.arange(-1, _MISSED) * period
+    cost = np.full(len(states), np.inf)
+    cost[1] = 0.0
+    risen = np.zeros((len(near), len(states)), bool)
+    for row, value in enumerate(near):
+        up = np.r_[np.inf, cost[:-1] + _RARE]
+        risen[row] = up < cost
+        cost = np.where(risen[row], up, cost) + np.minimum(((value - states) / scatter) ** 2, 25.0)
+    state = int(np.argmin(cost))
+    path = np.empty(len(near), int)
+    for row in range(len(near) - 1, -1, -1):
+        path[row] = state
+        state -= int(risen[row, state])
+    return path - path[0]
+
+
+def _roughness(t: Array, x: Array) -> float:
+    """Root median square of x (N,) off the cubic through two rows on either side."""
+    a, b, c, d = t[:-4], t[1:-3], t[3:-1], t[4:]
+    s = t[2:-2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        guess = (
+            x[:-4] * (s - b) * (s - c) * (s - d) / ((a - b) * (a - c) * (a - d))
+            + x[1:-3] * (s - a) * (s - c) * (s - d) / ((b - a) * (b - c) * (b - d))
+            + x[3:-1] * (s - a) * (s - b) * (s - d) / ((c - a) * (c - b) * (c - d))
+            + x[4:] * (s - a) * (s - b) * (s - c) / ((d - a) * (d - b) * (d - c))
+        )
+    off = np.abs(x[2:-2] - guess)
+    off = off[np.isfinite(off)]
+    return float(np.sqrt(np.median(off**2))) if len(off) else np.inf

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...core import Array
 from ...robots import RobotModel
-from .checks import limits
+from .evidence import limits
 from .mapping import FACTORS, Quantity, of_name
 from .matching import candidates, match_targets, words
 from .tables import LogTable, channel_names, values_of

@@ -13,12 +13,15 @@ from ...core import Array, continuous_signs
 from ...robots import RobotModel
 from . import matching
 from .flight import flight_map
-from .mapping import ColumnMap, Map, Quantity, Vehicle, matrix, si
+from .mapping import ColumnMap, Joint, Map, Quantity, Vehicle, matrix, si
 from .tables import Channel, LogTable, channel_names
 from .unusable import UnmatchedChannels
 
-_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # NED to ENU
-_FRD = np.diag([1.0, -1.0, -1.0])  # FRD to FLU
+NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+"""(3, 3) from north-east-down to east-north-up."""
+
+FRD = np.diag([1.0, -1.0, -1.0])
+"""(3, 3) from forward-right-down to forward-left-up."""
 
 
 class ChannelSource(NamedTuple):
@@ -85,7 +88,10 @@ class Layout(NamedTuple):
     def quaternion(self) -> tuple[str, ...]:
         """Columns of the orientation: those of the map, or of a run of ours; () without one."""
         if self.vehicle is not None:
-            return tuple(self.vehicle.quaternion or ())
+            count = 4 if self.vehicle.quaternion else 0
+            return tuple(
+                source.column.column for source in self.positions[len(self.positions) - count :]
+            )
         if len(self.positions) != len(self.velocities) + 1:
             return ()
         return tuple(source.column.column for source in self.positions[3:7])
@@ -123,23 +129,40 @@ def layout(
         stated = "a joint that the robot lacks" if joint in mapping.joints else "no entry"
         expected = "one entry for each actuated joint"
         raise InvalidInput(f"map: joints.{joint}", expected, stated, remedy)
-    joints = [mapping.joints[name] for name in robot.joints]
+    joints = _ordered(mapping, robot.joints)
     for name, joint in zip(robot.joints, joints, strict=True):
         if joint.command is None and name not in robot.passive:
             expected = "a column, as the joint has a motor in the model file"
             raise InvalidInput(f"map: joints.{name}.command", expected, "none", remedy)
     n = len(joints)
+    own = list(zip(robot.joints, joints, strict=True))
+    factors = mapping.factors
     made = Layout(
         tuple(
-            _source("position", j.position, j.position.unit_as("position") not in ("m", "mm"))
-            for j in joints
+            _source(
+                "position",
+                j.position,
+                j.position.unit_as("position") not in ("m", "mm"),
+                factors.of("position", name),
+            )
+            for name, j in own
         ),
-        tuple(_source("velocity", j.velocity) if j.velocity else None for j in joints),
         tuple(
-            ChannelSource("command", c, c.factor("position" if targets else "command"))
-            if c
+            _source("velocity", j.velocity, scale=factors.of("velocity", name))
+            if j.velocity
             else None
-            for c in (j.command for j in joints)
+            for name, j in own
+        ),
+        tuple(
+            ChannelSource(
+                "command",
+                j.command,
+                j.command.factor("position" if targets else "command")
+                * factors.of("command", name),
+            )
+            if j.command
+            else None
+            for name, j in own
         ),
         np.linalg.inv(matrix("position", mapping.coupling.position, n)),
         matrix("torque", mapping.coupling.torque, n),
@@ -172,8 +195,23 @@ def with_angles(table: LogTable, robot: RobotModel) -> LogTable:
     return LogTable(table.source, angles | channels, table.origin, table.findings)
 
 
-def _source(quantity: Quantity, column: ColumnMap, angle: bool = False) -> ChannelSource:
-    return ChannelSource(quantity, column, column.factor(quantity), angle)
+def _source(
+    quantity: Quantity, column: ColumnMap, angle: bool = False, scale: float = 1.0
+) -> ChannelSource:
+    return ChannelSource(quantity, column, column.factor(quantity) * scale, angle)
+
+
+def _ordered(mapping: Map, names: Sequence[str]) -> list[Joint]:
+    """The columns of joints in their order, after the swaps of a map."""
+    joints = mapping.joints
+    for what in ("position", "velocity", "command"):
+        swaps = getattr(mapping.order, what)
+        for joint in {*swaps, *swaps.values()} - set(names):
+            known = f"The robot's actuated joints are {', '.join(names)}."
+            raise InvalidInput(f"map: order.{what}", "joints of the robot", joint, known)
+        taken = {joint: getattr(mapping.joints[other], what) for joint, other in swaps.items()}
+        joints = joints | {j: replace(joints[j], **{what: column}) for j, column in taken.items()}
+    return [joints[name] for name in names]
 
 
 def _existing(made: Layout, channels: list[str]) -> Layout:
@@ -213,18 +251,30 @@ def _of_vehicle(
             remedy = f"The actuators are {', '.join(robot.joints)}."
             raise InvalidInput("map: actuators", "one entry for each", f"no {missing[0]}", remedy)
         parts = [
-            [ColumnMap(column=name) for name in vehicle.pose],
-            [ColumnMap(column=name) for name in twist],
+            [_signed(name, channels) for name in vehicle.pose],
+            [_signed(name, channels) for name in twist],
             [_relative(actuators[name], robot) for name in plain],
         ]
+    if vehicle is not None and vehicle.angular_unit == "deg/s":
+        parts[1][-3:] = [replace(column, unit="deg/s") for column in parts[1][-3:]]
     velocities = tuple(_source("velocity", c) for c in parts[1]) or (None,) * n
     positions = tuple(_source("position", c) for c in parts[0])
     if vehicle is not None and vehicle.euler is not None:
-        degrees = [ColumnMap(column=name, unit="deg") for name in vehicle.euler]
+        degrees = [replace(column, unit="deg") for column in parts[0][-3:]]
         positions = (*positions[:-3], *(_source("position", c, angle=True) for c in degrees))
-    commands = tuple(_source("command", c) for c in parts[2])
+    scales = [mapping.factors.of("command", name) for name in robot.joints]
+    commands = tuple(
+        _source("command", c, scale=scale) for c, scale in zip(parts[2], scales, strict=True)
+    )
     made = Layout(positions, velocities, commands, vehicle=vehicle, assumed=assumed)
     return _existing(made, channels)
+
+
+def _signed(name: str, channels: Sequence[str]) -> ColumnMap:
+    """A column of a vehicle's map, which counts against its axis if `-` stands before its name."""
+    if name.startswith("-") and name not in channels:
+        return ColumnMap(column=name[1:], sign=-1)
+    return ColumnMap(column=name)
 
 
 def _relative(command: ColumnMap, robot: RobotModel) -> ColumnMap:
@@ -271,9 +321,11 @@ def _pose(vehicle: Vehicle, raw: Array) -> Array:
         turns = Rotation.from_euler("ZYX", raw[:, count:][:, ::-1])
     else:
         turns = Rotation.from_quat(raw[:, count:], scalar_first=vehicle.order == "wxyz")
+    if vehicle.inverse:
+        turns = turns.inv()
     if ned:
-        places = places @ _NED.T
-        turns = Rotation.from_matrix(_NED @ turns.as_matrix() @ _FRD)
+        places = places @ NED.T
+        turns = Rotation.from_matrix(NED @ turns.as_matrix() @ FRD)
     quaternions = turns.as_quat()
     return np.column_stack([places, quaternions * continuous_signs(quaternions)[:, None]])
 
@@ -291,11 +343,11 @@ def _twist(vehicle: Vehicle, raw: Array, q: Array) -> Array:
     linear = raw[:, :3]
     angular = raw[:, 3:]
     if vehicle.twist == "world":
-        world = linear @ _NED.T if ned else linear
+        world = linear @ NED.T if ned else linear
         linear = Rotation.from_quat(q[:, 3:]).inv().apply(world)
     elif ned:
-        linear = linear @ _FRD
-    return np.column_stack([linear, angular @ _FRD if ned else angular])
+        linear = linear @ FRD
+    return np.column_stack([linear, angular @ FRD if ned else angular])
 
 
 def pose_velocity(q: Array, rate: float) -> Array:

@@ -258,15 +258,64 @@ class Time:
     column: Name | None = None  # name of the column; None to find it
     unit: TimeUnit | None = None  # None to detect it
     rate: Positive | None = None  # rows per second of files without a time [Hz]
+    scale: Positive = 1.0  # multiplies the times, of a clock that runs too fast or too slowly
 
 
 @config
 class File:
     """The properties of one file."""
 
+    scale: Positive = 1.0  # multiplies the file's times, of a clock that runs wrong
     offset: Number = 0.0  # added to the file's times, to put several files on one clock [s]
     # register to which the stiffness of position servos is proportional, in any unit
     p: Positive | None = None
+
+
+def _nonzero(factor: float) -> float:
+    if factor == 0:
+        raise ValueError("a number other than 0")
+    return factor
+
+
+Factor = Annotated[Number, AfterValidator(_nonzero)] | Unit
+"""A factor of a joint's values, or the unit in which they are."""
+
+PerJoint = Factor | dict[str, Factor]
+"""One for all joints, or some joints' own by name."""
+
+
+@config
+class Factors:
+    """Signs, factors and units of whole logs, besides those of the columns of each joint."""
+
+    position: PerJoint = 1.0
+    velocity: PerJoint = 1.0
+    command: PerJoint = 1.0
+
+    def of(self, quantity: Quantity, joint: str) -> float:
+        """The factor of a joint's position, velocity or command.
+
+        Raises:
+            InvalidInput: the unit does not belong to such a quantity.
+        """
+        given = getattr(self, quantity)
+        value = given.get(joint, 1.0) if isinstance(given, dict) else given
+        if not isinstance(value, str):
+            return float(value)
+        if value not in FACTORS[quantity] or value.startswith("ticks"):
+            known = ", ".join(unit for unit in FACTORS[quantity] if not unit.startswith("ticks"))
+            expected = f"a number, or one of {known}"
+            raise InvalidInput(f"map: factors.{quantity}", expected, value, "Correct map.toml.")
+        return FACTORS[quantity][value]
+
+
+@config
+class Order:
+    """Joints whose columns are swapped: by joint, the one to which its column was assigned."""
+
+    position: dict[str, str] = field(default_factory=dict)
+    velocity: dict[str, str] = field(default_factory=dict)
+    command: dict[str, str] = field(default_factory=dict)
 
 
 Matrix = Annotated[tuple[tuple[Number, ...], ...], Field(min_length=1)]
@@ -283,7 +332,10 @@ class MotorCoupling:
 
 @config
 class Vehicle:
-    """Pose and twist of a vehicle, three or four columns for each part."""
+    """Pose and twist of a vehicle, three or four columns for each part.
+
+    A `-` before a column's name reverses its sign.
+    """
 
     # x, y, z [m], left out to integrate `linear`; x, y and heading [rad] of a vehicle in the plane
     position: Three | None = None
@@ -295,7 +347,9 @@ class Vehicle:
     linear: Three | None = None
     # velocity in the body's axes [rad/s]; None to differentiate the pose
     angular: Three | None = None
+    angular_unit: Literal["rad/s", "deg/s"] = "rad/s"
     order: Literal["xyzw", "wxyz"] = "xyzw"  # order of the quaternion's columns
+    inverse: Flag = False  # whether the orientation is that of the world in the body's axes
     # axes of world and body: north-east-down with forward-right-down, or ours, east-north-up with
     # forward-left-up
     frame: Literal["ENU/FLU", "NED/FRD"] = "ENU/FLU"
@@ -324,6 +378,8 @@ class Map:
     coupling: MotorCoupling = field(
         default_factory=MotorCoupling
     )  # coupling of the joints with their motors
+    factors: Factors = field(default_factory=Factors)  # of whole logs
+    order: Order = field(default_factory=Order)  # of columns that are swapped
     vehicle: Vehicle | None = None  # pose and twist, for a vehicle instead of joints
     # commands of a vehicle by the names of its actuators
     actuators: dict[str, ColumnMap] = field(default_factory=dict)

@@ -9,6 +9,7 @@ from ...base import Finding
 from ...core import Array, Log
 from ...robots import RobotModel
 from . import signals
+from .causes import gross_clock
 from .cleaning import (
     Cleaned,
     Rest,
@@ -71,6 +72,8 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
     cleaned = _cleaned(recordings, made, findings)
     if not cleaned:
         raise UnusableLog(tuple(findings))
+    if (clock := gross_clock(cleaned, findings)) is not None:
+        raise UnusableLog((*findings, clock))
     rate = _rate(cleaned, findings)
     segments = [s for log in cleaned for s in _segments(log, mapping, robot, rate, findings)]
     if not segments:
@@ -81,7 +84,7 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
             remedy = "Record a motion; check that the columns of the positions are the right ones."
         findings.append(Finding("refusal", "short_log", "", text, remedy))
         raise UnusableLog(tuple(findings))
-    return Recordings(tuple(segments), rate, made.command_units, tuple(findings))
+    return Recordings(tuple(segments), rate, made.command_units, tuple(findings), made.vehicle)
 
 
 def _cleaned(recordings: list[LogTable], made: Layout, findings: list[Finding]) -> list[Cleaned]:

@@ -12,7 +12,7 @@ import numpy as np
 from ...base import Finding, InvalidInput, path_of, printable
 from ...core import Array
 from . import clocks, formats
-from .mapping import Map, Time
+from .mapping import File, Map, Time
 from .unusable import UnreadableLog
 
 _FOUND = Time()
@@ -71,6 +71,7 @@ def read(path: str | os.PathLike[str], time: Time = _FOUND) -> LogTable:
     for columns in formats.read(file):
         findings += _unread(file, columns)
         clock, rest = _timed(file, columns, time, findings)
+        clock = clock.scaled(time.scale)
         groups.append((clock, _numbers(file, rest, findings)))
         dropped += columns.dropped
         for name, column in rest.items():
@@ -214,10 +215,11 @@ def join(
 
 def _shifted(table: LogTable, mapping: Map, shift: float = 0.0) -> dict[str, Channel]:
     """A table's channels, later by its offset in the map and by `shift` [s]."""
-    shift += mapping.files[table.source].offset if table.source in mapping.files else 0.0
-    if not shift:
+    own = mapping.files.get(table.source, File())
+    shift += own.offset
+    if not shift and own.scale == 1:
         return table.channels
-    times = {id(c.t): c.t + shift for c in table.channels.values()}
+    times = {id(c.t): own.scale * c.t + shift for c in table.channels.values()}
     return {name: Channel(times[id(c.t)], c.values) for name, c in table.channels.items()}
 
 

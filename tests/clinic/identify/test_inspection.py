@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from nsaid_mj.base.findings import Finding
 from nsaid_mj.cli.commands import command
+from nsaid_mj.clinic.identify.fixing import fix
 from nsaid_mj.clinic.identify.inspection import Inspection, figures_of, inspect, signal_names
 from nsaid_mj.clinic.identify.inspection_page import draw_inspection
 from nsaid_mj.clinic.identify.models import load_robot_model
@@ -19,6 +21,16 @@ from nsaid_mj.clinic.logs.signals import quantum
 from nsaid_mj.clinic.logs.tables import Channel, LogTable, read_tables
 from nsaid_mj.robots.assets import asset
 from tests.support.robot_logs import columns, two_joints, write_csv
+
+URDF = '<robot name="arm"><link name="base"/>' + "".join(
+    f'<link name="{name}_link"><inertial><mass value="2"/><origin xyz="0.2 0 0"/>'
+    '<inertia ixx="0.02" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{name}_link"/>'
+    '<origin xyz="0.4 0 0"/><axis xyz="0 -1 0"/>'
+    '<limit lower="-2.5" upper="2.5" effort="99" velocity="9"/></joint>'
+    for parent, name in (("base", "shoulder"), ("shoulder_link", "elbow"))
+)
+URDF += "</robot>"
 
 
 def figures(x: np.ndarray, t: np.ndarray | None = None):
@@ -223,3 +235,33 @@ def test_a_packed_log_is_inspected_by_its_robots_name(
     assert command(["inspect", name, "--out", str(tmp_path)]) == 0
     assert "✔ nsaid identify can use this log." in capsys.readouterr().out
     assert (tmp_path / "map.toml").exists() == (name == "so101")  # the other has one
+
+
+def test_fix_writes_a_map_with_which_the_log_is_accepted(tmp_path, capsys):
+    values = columns()
+    values |= {"dq1": np.degrees(values["dq1"]), "dq2": np.degrees(values["dq2"])}
+    log = str(write_csv(tmp_path / "log.csv", values))
+    model = tmp_path / "arm.urdf"
+    model.write_text(URDF, encoding="utf-8")
+    arguments = ["inspect", log, "--model", str(model), "--out", str(tmp_path)]
+    assert command(arguments) == 2
+    assert command([*arguments, "--fix"]) == 0
+    printed = capsys.readouterr().out
+    assert 'velocity = "deg/s"' in printed and "no contradiction is left" in printed
+    assert command([*arguments, "--map", str(tmp_path / "map-fixed.toml")]) == 0
+
+
+def test_fix_is_withdrawn_if_another_contradiction_follows(tmp_path):
+    """A remedy that makes the positions leave their limits is worse than the velocities' signs."""
+    values = columns()
+    path = write_csv(tmp_path / "log.csv", values | {"dq1": -values["dq1"]})
+    tables = read_tables([path])
+    robot = two_joints()
+    before = inspect(tables, None, robot)
+    found = fix([path], "", robot)
+    assert found.kept and found.before.findings == before.findings
+    worse = Finding("refusal", "x", "", "…", data={"map": {"factors.position": 1000.0}})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("nsaid_mj.clinic.identify.fixing.remedies", lambda _: worse.data["map"])
+        found = fix([path], "", robot)
+    assert not found.kept and found.text == "" and "contradiction follows" in found.withdrawn

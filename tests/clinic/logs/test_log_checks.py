@@ -95,7 +95,9 @@ def test_degrees_of_both_are_seen_by_the_limits(measured):
     values |= {n: np.degrees(values[n]) for n in ("q1", "q2", "dq1", "dq2")}
     if not measured:
         del values["dq1"], values["dq2"]
-    assert found(values) == [("refusal", "degrees", name) for name in JOINTS]
+    (finding,) = checks(recorded(values), two_joints())
+    assert (finding.level, finding.code, finding.where) == ("refusal", "degrees", "")
+    assert finding.data["joints"] == list(JOINTS)
 
 
 @pytest.mark.parametrize("factor", [-1.0, 0.5, 100.0])

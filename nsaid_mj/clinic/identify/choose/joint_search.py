@@ -21,7 +21,6 @@ from ..joint_checks import (
     expected_gains,
     fit_checks,
     rate_checks,
-    reversed_commands,
     weighed_links,
 )
 from ..joints import JointRows
@@ -84,8 +83,6 @@ def structured_arm(
     problem = rows.problem(choice)
     others = iter(())
     faults += fit_checks(rows, choice)
-    if not refused(faults):
-        faults += reversed_commands(rows, choice, problem)
     if not refused(faults):
         report("fitting delays")
         choice, doubt, said = _finished(rows, choice, problem, options)

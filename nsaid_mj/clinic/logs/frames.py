@@ -1,0 +1,411 @@
+"""Axes of a vehicle's log: velocities against the pose's derivative, and both against the commands.
+
+Body rates must follow from the quaternion, and linear velocity from the position. Where they do
+not, the axes, signs, order or frame under which they would are searched for, all at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import permutations, product
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ...base import Finding
+from ...core import Array, number
+from ...robots import RobotModel
+from . import signals
+from .layout import FRD, NED, pose_velocity
+from .mapping import Vehicle
+from .recordings import Recordings
+from .remedies import remedy_of
+
+_CONTRADICTS = 0.15  # difference of errors (0 to 1) from which other axes are certain
+_HALF = 0.5  # ratio of errors below which they are
+_UNRELATED = 0.6  # error above which a velocity follows from the pose in no axes
+_UNUSUAL = 0.02  # handicap of each axis that is turned
+_CHANGED = 0.05  # handicap of another order or direction of the quaternion, or frame
+_FACTOR = 0.15  # relative error of a velocity's scale that noise does not explain
+_ALIKE = 0.08  # relative difference of the scales of both velocities that a clock explains
+_BAND = 5.0  # cut-off over the frequency of the motion
+_LOUD = 3.0  # velocity over its noise below which an axis counts for little
+_ROWS = 4000  # at most, for the sheet's forces
+_DRIVES = 0.6  # ratio of the errors of the sheet's forces below which other axes are certain
+
+
+class Part(NamedTuple):
+    """A measured velocity, and what it might be."""
+
+    name: str  # `linear` or `angular`
+    measured: Array  # (N, k)
+    bases: dict[str, Array]  # (N, k) velocities from the pose, by the words that name their axes
+    weights: Array  # (k,) of the measured axes
+
+
+class Match(NamedTuple):
+    """A base with its axes turned, as a velocity that was measured."""
+
+    part: Part
+    base: str
+    turn: Array  # (k, k) signed permutation: measured = turn · base
+    scale: float  # size of the base over that measured
+    error: float  # 0 to 1: squared difference over the sum of squares, mean of the axes
+    handicap: float
+
+
+class Pose(NamedTuple):
+    """How to read the pose."""
+
+    words: str
+    changes: dict[str, object]
+    q: Array
+    handicap: float
+
+
+def frame_causes(recordings: Recordings, robot: RobotModel) -> list[Finding]:
+    """Findings about the axes of a vehicle's pose and velocities, and its clock."""
+    segments = max(recordings.segments, key=lambda segment: len(segment.log.t))
+    _, q, v, _ = segments.log
+    rate = recordings.rate
+    vehicle = recordings.vehicle
+    if vehicle is not None and vehicle.linear is None:
+        return []
+    judged = []
+    for pose in _poses(q, vehicle):
+        matches = [_best(part) for part in _parts(pose.q, v, rate, vehicle)]
+        total = pose.handicap + sum(match.error + match.handicap for match in matches)
+        judged.append((total, pose, matches))
+    own = [_as_is(part) for part in _parts(q, v, rate, vehicle)]
+    if not own:
+        return []
+    _, pose, matches = min(judged, key=lambda one: one[0])
+    before = np.array([match.error for match in own])
+    after = np.array([match.error for match in matches])
+    if before.sum() - after.sum() < _CONTRADICTS or (after > _HALF * before).all():
+        matches = own
+        pose = Pose("", {}, q, 0.0)
+    whose = "twist"
+    if all(np.array_equal(m.turn, FRD) for m in matches):
+        whose = _wrong_one(recordings, robot)
+    found = _turned(pose, matches, own, vehicle, whose)
+    found += _clock(matches)
+    if not found:
+        found += _driven(recordings, robot)
+    lost = [m for m in matches if m.error > _UNRELATED]
+    for match in lost if not found else ():
+        text = f"the {match.part.name} velocity does not follow from the pose under any axes"
+        text += f" (error {100 * match.error:.2g} %)"
+        remedy = "Check its columns, or leave out `linear` and `angular` to differentiate the pose."
+        found.append(Finding("warning", "frame", match.part.name, text, remedy))
+    return found
+
+
+def _poses(q: Array, vehicle: Vehicle | None) -> Iterator[Pose]:
+    """The pose as it is read, and with the quaternion in another order or direction."""
+    yield Pose("", {}, q, 0.0)
+    if q.shape[1] == 3 or vehicle is None or vehicle.quaternion is None:
+        return
+    ned = vehicle.frame == "NED/FRD"
+    turn = Rotation.from_quat(q[:, 3:]).as_matrix()
+    raw = Rotation.from_matrix(NED.T @ turn @ FRD if ned else turn).as_quat()
+    first = vehicle.order == "wxyz"
+    # a log's w, x, y, z was taken for x, y, z, w, or the other way round
+    other = np.roll(raw, 1, axis=1) if first else np.roll(raw, -1, axis=1)
+    order = "xyzw" if first else "wxyz"
+    for swapped, inverse in ((False, True), (True, False), (True, True)):
+        turns = Rotation.from_quat(other if swapped else raw)
+        turns = turns.inv() if inverse else turns
+        found = turns.as_matrix()
+        found = Rotation.from_matrix(NED @ found @ FRD if ned else found).as_quat()
+        changes: dict[str, object] = {}
+        words = []
+        if swapped:
+            changes["vehicle.order"] = order
+            words.append(f"the quaternion's order is {order}")
+        if inverse:
+            changes["vehicle.inverse"] = not vehicle.inverse
+            direction = "body to world" if vehicle.inverse else "world to body"
+            words.append(f"the quaternion turns from {direction}")
+        own = np.hstack([q[:, :3], found])
+        yield Pose(" and ".join(words), changes, own, _CHANGED * len(changes))
+
+
+def _parts(q: Array, v: Array, rate: float, vehicle: Vehicle | None) -> list[Part]:
+    """Measured velocities and those from the pose, all low-passed alike."""
+    flat = q.shape[1] == 3
+    count = 2 if flat else 3
+    body = pose_velocity(q, rate)
+    world = np.gradient(q[:, :count], 1 / rate, axis=0)
+    cut = min(_BAND * _frequency(body, rate), rate / 5) / (0.5 * rate)
+    soft = signals.low_pass(body, cut)
+    slow = signals.low_pass(v, cut)
+    noise = np.array([signals.noise(x) for x in v.T]) * np.sqrt(cut)
+    loud = np.std(slow, axis=0) > _LOUD * noise
+    weights = np.where(loud, 1.0, 0.1)
+    parts = []
+    placed = vehicle is None or vehicle.position is not None
+    if placed:
+        around = signals.low_pass(world, cut)
+        bases = {"body": soft[:, :count], "world": around}
+        if not flat:
+            turns = Rotation.from_quat(q[:, 3:]).inv()
+            bases["other world"] = turns.apply(around @ NED.T)
+        parts.append(Part("linear", slow[:, :count], bases, weights[:count]))
+    bases = {"body": soft[:, count:]}
+    if not flat:
+        bases["world"] = Rotation.from_quat(q[:, 3:]).apply(soft[:, count:])
+    parts.append(Part("angular", slow[:, count:], bases, weights[count:]))
+    return parts
+
+
+def _frequency(x: Array, rate: float) -> float:
+    """The frequency below which most of the integrals' power lies [Hz]."""
+    path = np.cumsum(x - x.mean(axis=0), axis=0)
+    power = np.abs(np.fft.rfft(path * np.hanning(len(x))[:, None], axis=0)) ** 2
+    share = np.cumsum(power, axis=0) / np.maximum(power.sum(axis=0), 1e-300)
+    bins = np.array([np.searchsorted(column, 0.98) for column in share.T])
+    return float(max(np.median(bins), 1) * rate / len(x))
+
+
+def _as_is(part: Part) -> Match:
+    """A velocity along the axes that the map states."""
+    return _match(part, "body", np.eye(part.measured.shape[1]))
+
+
+def _match(part: Part, base: str, turn: Array) -> Match:
+    other = part.bases[base]
+    size = [float(np.sqrt(np.mean(x**2))) for x in (part.measured, other)]
+    scale = size[1] / max(size[0], 1e-300)
+    difference = np.mean((part.measured * scale - other @ turn.T) ** 2, axis=0)
+    whole = np.mean((part.measured * scale) ** 2, axis=0) + np.mean((other @ turn.T) ** 2, axis=0)
+    error = 0.5 * difference / np.maximum(whole, 1e-300)
+    turned = int(np.sum(np.diag(turn) != 1))
+    handicap = _UNUSUAL * turned + _CHANGED * (base != "body") + _CHANGED * (base == "other world")
+    return Match(
+        part, base, turn, scale, float(error @ part.weights / part.weights.sum()), handicap
+    )
+
+
+def _best(part: Part) -> Match:
+    """The axes in which a velocity follows best from the pose."""
+    k = part.measured.shape[1]
+    matches = []
+    for base in part.bases:
+        for order, signs in product(permutations(range(k)), product((1.0, -1.0), repeat=k)):
+            turn = np.zeros((k, k))
+            turn[np.arange(k), order] = signs
+            matches.append(_match(part, base, turn))
+    return min(matches, key=lambda match: match.error + match.handicap)
+
+
+def _turned(
+    pose: Pose,
+    matches: Sequence[Match],
+    own: Sequence[Match],
+    vehicle: Vehicle | None,
+    whose: str,
+) -> list[Finding]:
+    """The finding of axes other than stated, if any.
+
+    `whose` is `pose` or `twist`, whichever the sheet's forces contradict.
+    """
+    words = [pose.words] if pose.words else []
+    changes = dict(pose.changes)
+    frames = [np.array_equal(m.turn, FRD) and m.base == "body" for m in matches]
+    together = len(frames) == 2 and all(frames)
+    if together:
+        given, other = ("ENU/FLU", "NED/FRD")
+        if vehicle is not None and vehicle.frame == other:
+            given, other = (other, given)
+        if whose == "pose":
+            words.append(f"the pose is in {other} axes, which both velocities are not")
+            changes["vehicle.frame"] = other
+        else:
+            words.append(f"both velocities are in {other[4:]} axes, which the pose is not")
+    for match in matches:
+        name = match.part.name
+        turn = match.turn
+        plain = np.array_equal(turn, np.eye(len(turn)))
+        if match.base == "other world":
+            words.append("the position is in other world axes than the quaternion (NED and ENU)")
+            changes |= _columns("position", _raw(NED, vehicle, True), vehicle)
+        elif match.base == "world" and name == "linear":
+            words.append("the linear velocity is along the world's axes")
+            changes["vehicle.twist"] = "world"
+        elif match.base == "world":
+            words.append("the angular velocity is along the world's axes")
+        if plain:
+            continue
+        world = match.base == "world"
+        if not together:
+            words.append(f"the {name} velocity is along {_said(turn, world, vehicle)}")
+        changes |= _columns(name, _raw(turn, vehicle, world), vehicle)
+    if not words:
+        return []
+    before, after = (100 * float(np.mean([m.error for m in some])) for some in (own, matches))
+    text = f"velocities contradict the pose: {'; '.join(words)}"
+    text += f" (squared error {before:.2g} % → {after:.2g} %)"
+    if vehicle is None:
+        changes = {}
+    data = {"map": changes, "error": before, "turned": after}
+    return [Finding("refusal", "frame", "", text, remedy_of(changes), data)]
+
+
+_BODY = (("forward", "backward"), ("left", "right"), ("up", "down"))
+_WORLD = (("east", "west"), ("north", "south"), ("up", "down"))
+
+
+def _said(turn: Array, world: bool, vehicle: Vehicle | None) -> str:
+    """The measured axes in words, such as `backward-left-down in place of forward-left-up`."""
+    given = np.eye(len(turn))
+    if vehicle is not None and vehicle.frame == "NED/FRD" and len(turn) == 3:
+        given = NED.T if world else FRD
+    directions = _WORLD if world else _BODY
+    names = []
+    for axes in (given @ turn, given):
+        places = [int(np.argmax(np.abs(row))) for row in axes]
+        signs = [row[k] < 0 for row, k in zip(axes, places, strict=True)]
+        if len(turn) == 1:
+            names.append("clockwise" if signs[0] else "counterclockwise")
+        else:
+            names.append(
+                "-".join(directions[k][int(s)] for k, s in zip(places, signs, strict=True))
+            )
+    return f"{names[0]} in place of {names[1]}"
+
+
+def _raw(turn: Array, vehicle: Vehicle | None, world: bool) -> Array:
+    """A turn of our axes as one of the log's own."""
+    if vehicle is None or vehicle.frame == "ENU/FLU" or len(turn) < 3:
+        return turn
+    axes = NED if world else FRD
+    return axes.T @ turn @ axes
+
+
+def _columns(name: str, turn: Array, vehicle: Vehicle | None) -> dict[str, object]:
+    """The line of the map with a quantity's columns in the order and signs that undo a turn."""
+    given = getattr(vehicle, name, None) if vehicle is not None else None
+    if given is None or len(given) < len(turn):
+        return {}
+    names = list(given)
+    for k in range(len(turn)):
+        source = int(np.argmax(np.abs(turn[:, k])))
+        bare = given[source].removeprefix("-")
+        sign = (-1 if given[source].startswith("-") else 1) * turn[source, k]
+        names[k] = f"-{bare}" if sign < 0 else bare
+    return {f"vehicle.{name}": names}
+
+
+def _off(match: Match) -> bool:
+    """Whether a velocity has another scale than the pose, whichever of both has the noise."""
+    together = max(1 - 2 * match.error, 0.0)  # their correlation
+    low = together * match.scale
+    high = match.scale / max(together, 1e-3)
+    return low > 1 + _FACTOR or high < 1 - _FACTOR
+
+
+def _clock(matches: Sequence[Match]) -> list[Finding]:
+    """The finding of a clock, or of one velocity in another unit."""
+    from .causes import DEGREES, nice
+
+    good = [m for m in matches if m.error < 0.3]
+    off = [m for m in good if _off(m)]
+    if not off:
+        return []
+    scales = [m.scale for m in good]
+    if len(good) == 2 and abs(np.log(scales[0] / scales[1])) < _ALIKE:
+        factor = nice(float(np.sqrt(scales[0] * scales[1])))
+        how = f"{number(factor, significant=3)} times too fast"
+        if factor < 1:
+            how = f"{number(1 / factor, significant=3)} times too slowly"
+        text = f"the clock runs {how}: the pose changes {number(factor, significant=3)} times as "
+        text += "fast as both velocities say"
+        changes: dict[str, object] = {"time.scale": factor}
+        return [Finding("refusal", "clock", "", text, remedy_of(changes), {"map": changes})]
+    found = []
+    for match in off:
+        name = match.part.name
+        text = f"the pose changes {number(match.scale, significant=3)} times as fast as the {name} "
+        text += "velocity says"
+        changes = {}
+        if name == "angular" and abs(match.scale * DEGREES - 1) < _FACTOR:
+            text = f"the angular velocity is in deg/s: {text}"
+            changes = {"vehicle.angular_unit": "deg/s"}
+        data = {"factor": match.scale, "map": changes}
+        found.append(Finding("refusal", "velocity_mismatch", name, text, remedy_of(changes), data))
+    return found
+
+
+def _driven(recordings: Recordings, robot: RobotModel) -> list[Finding]:
+    """The finding of a frame, or of commands' signs, under which the sheet's forces fit far better.
+
+    Pose and velocities may agree and yet be in north-east-down axes throughout.
+    """
+    vehicle = recordings.vehicle
+    q, v, u = _longest(recordings)
+    own = _balance(robot, q, v, u, recordings.rate)
+    trials: list[tuple[float, str, str, dict[str, object]]] = []
+    if q.shape[1] == 7 and vehicle is not None:
+        frame = "NED/FRD" if vehicle.frame == "ENU/FLU" else "ENU/FLU"
+        text = f"pose and velocities are in {frame} axes"
+        error = _balance(robot, _other_pose(q), _other_twist(v), u, recordings.rate)
+        trials.append((error, "frame", text, {"vehicle.frame": frame}))
+    if (u < 0).any():
+        error = _balance(robot, q, v, -u, recordings.rate)
+        trials.append(
+            (error, "reversed_sign", "all commands are reversed", {"factors.command": -1})
+        )
+    error, code, text, changes = min(trials, default=(np.inf, "", "", {}), key=lambda one: one[0])
+    if not error < _DRIVES * own:
+        return []
+    text += f": the sheet's forces then fit with {100 * error:.2g} % error instead of "
+    text += f"{100 * own:.2g} %"
+    return [Finding("refusal", code, "", text, remedy_of(changes), {"map": changes})]
+
+
+def _wrong_one(recordings: Recordings, robot: RobotModel) -> str:
+    """Whether the sheet's forces contradict the frame of the `pose` or that of the `twist`."""
+    q, v, u = _longest(recordings)
+    by_twist = _balance(robot, q, _other_twist(v), u, recordings.rate)
+    by_pose = _balance(robot, _other_pose(q), v, u, recordings.rate)
+    return "pose" if by_pose < by_twist else "twist"
+
+
+def _longest(recordings: Recordings) -> tuple[Array, Array, Array]:
+    """Poses, velocities and commands of the longest segment, of so many rows at most."""
+    segment = max(recordings.segments, key=lambda one: len(one.log.t))
+    _, q, v, u = (x[:_ROWS] for x in segment.log)
+    return q, v, u
+
+
+def _other_pose(q: Array) -> Array:
+    """Poses (N, 7) in ENU/FLU axes of numbers that are in NED/FRD axes, or the other way round."""
+    turn = NED @ Rotation.from_quat(q[:, 3:]).as_matrix() @ FRD
+    return np.hstack([q[:, :3] @ NED.T, Rotation.from_matrix(turn).as_quat()])
+
+
+def _other_twist(v: Array) -> Array:
+    return np.hstack([v[:, :3] @ FRD, v[:, 3:] @ FRD])
+
+
+def _balance(robot: RobotModel, q: Array, v: Array, u: Array, rate: float) -> float:
+    """Error of the forces of a vehicle's sheet along a motion, over their size, 0 to 1.
+
+    Actuators may have any common strength; the mean over the velocities that they move.
+    """
+    system = robot.system
+    space = system.space
+    cut = min(_BAND * _frequency(v, rate), rate / 5) / (0.5 * rate)
+    slow = signals.low_pass(v, cut)
+    a = np.gradient(slow, 1 / rate, axis=0)
+    x = np.hstack([q, slow])
+    W = system.regressor(np.arange(len(q)) / rate, x, slow, a, u)
+    acting = np.zeros(len(space), bool)
+    acting[space.actuators] = True
+    forces = [signals.low_pass(W[:, :, own] @ robot.prior[own], cut) for own in (acting, ~acting)]
+    sizes = [np.sqrt(np.mean(x**2, axis=0)) for x in forces]
+    moved = sizes[0] > 0.02 * sizes[0].max()
+    error = np.sqrt(np.mean((forces[0] + forces[1]) ** 2, axis=0)) / np.maximum(sum(sizes), 1e-300)
+    return float(np.mean(error[moved])) if moved.any() else 1.0

@@ -1,0 +1,76 @@
+"""A vehicle's velocities in other axes than its pose are named, with lines that mend its map."""
+
+from __future__ import annotations
+
+import tomllib
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from nsaid_mj.base.findings import Finding
+from nsaid_mj.clinic.identify.models import load_robot_model
+from nsaid_mj.clinic.logs.checks import checks
+from nsaid_mj.clinic.logs.mapping import map_of
+from nsaid_mj.clinic.logs.preparation import prepare
+from nsaid_mj.clinic.logs.remedies import mended, remedies
+from nsaid_mj.clinic.logs.tables import Channel, LogTable
+from tests.court.field_causes import VEHICLE_KINDS, Drawn, draw
+
+ROBOT = load_robot_model("bluerov2")
+
+
+@lru_cache(maxsize=1)
+def _drawn() -> Drawn:
+    return draw(0, "vehicle, healthy", "bluerov2")
+
+
+def _findings(text: str, table: dict[str, np.ndarray]) -> list[Finding]:
+    mapping = map_of(tomllib.loads(text))
+    t = mapping.time.scale * table["t"]
+    channels = {n: Channel(t, x) for n, x in table.items() if n != "t"}
+    found = checks(prepare([LogTable("log.csv", channels, 0)], mapping, ROBOT), ROBOT)
+    return [finding for finding in found if finding.level == "refusal"]
+
+
+@pytest.mark.parametrize("kind", VEHICLE_KINDS)
+def test_each_cause_is_one_finding_whose_remedy_mends_the_log(kind):
+    healthy = _drawn()
+    tables = [dict(table) for table in healthy.tables]
+    own = {"names": ROBOT.joints}
+    said = VEHICLE_KINDS[kind](np.random.default_rng(1), tables, own)
+    found = _findings(healthy.map, tables[0])
+    assert tuple(finding.code for finding in found) == said.codes
+    for words in said.where:
+        assert words in found[0].text
+    if found:
+        assert _findings(mended(healthy.map, remedies(found)), tables[0]) == []
+
+
+def test_axes_stated_as_north_east_down_are_mended_in_these():
+    """The lines of the map are in the log's own axes."""
+    healthy = _drawn()
+    tables = [dict(table) for table in healthy.tables]
+    VEHICLE_KINDS["all in NED"](np.random.default_rng(0), tables, {})
+    text = healthy.map.replace("[vehicle]\n", '[vehicle]\nframe = "NED/FRD"\n')
+    assert _findings(text, tables[0]) == []
+    table = tables[0] | {"p": tables[0]["q"], "q": -tables[0]["p"]}
+    found = _findings(text, table)
+    assert 'angular = ["-q", "p", "r"]' in found[0].remedy
+    assert "right-backward-down in place of forward-right-down" in found[0].text
+
+
+def test_rates_in_degrees_per_second_are_named():
+    healthy = _drawn()
+    table = healthy.tables[0] | {n: np.degrees(healthy.tables[0][n]) for n in "pqr"}
+    (finding,) = _findings(healthy.map, table)
+    assert finding.data["map"] == {"vehicle.angular_unit": "deg/s"}
+    assert _findings(mended(healthy.map, remedies([finding])), table) == []
+
+
+def test_a_noisy_pose_is_no_other_scale():
+    rng = np.random.default_rng(0)
+    table = dict(_drawn().tables[0])
+    for name in ("qx", "qy", "qz", "qw", "x", "y", "z"):
+        table[name] = table[name] + 0.02 * rng.standard_normal(len(table[name]))
+    assert _findings(_drawn().map, table) == []
