@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from ...base import Finding
 from ...core import Log
 from ...robots import RobotModel
+from .phases import Phase
 
 
 class LogSegment(NamedTuple):
@@ -34,6 +35,7 @@ class Recordings:
     # (n_u,) unit of each command, such as "A", "N·m" or "" if unknown
     command_units: tuple[str, ...]
     findings: tuple[Finding, ...] = ()  # how the data were processed, and what was noticed
+    phases: tuple[Phase, ...] = ()  # of all logs, those left out as well; none if not prepared
 
     def driven(self, robot: RobotModel) -> list[int]:
         """Numbers of the joints with a motor, from 0.
