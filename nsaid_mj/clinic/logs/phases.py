@@ -44,7 +44,8 @@ _CONSTANT = 0.02  # its change over the same, below which commands rest
 _UNBALANCED = 0.3  # force that is missing, over the same, from which something else holds it
 _PUSHES = 0.2  # change of the force, over the same, that would move what nothing holds
 _SUPPORT = 0.5  # usual force over the large ones, from which motors carry the weight
-_MARGIN = 2  # parts beside a phase that are left out, too: lifting off, the end of a touch-down
+_TOUCHES = 5  # parts before such a phase that are left out, too: its touch-down
+_LEAVES = 2  # parts after it: lifting off
 _BEFORE = 30  # parts before a phase in which an impact may have begun it
 _IMPACT = 3.0  # change of the velocity over the largest usual one
 _FAST = 0.98  # quantiles of what is large
@@ -137,7 +138,7 @@ class _Parts(NamedTuple):
 
     first: np.ndarray  # (K,) first sample of every part
     v: Array  # (K, n) velocities
-    speed: Array  # (K, g) norms of them, of the velocities of either unit
+    still: np.ndarray  # (K,) whether nothing moves
     force: Array  # (K, n) that the motors exert by the published values
     missing: Array  # (K, n) force that would have to act besides to move it as it moves
     groups: Array  # (g, n) 1 at the velocities of a unit
@@ -161,7 +162,7 @@ def phases(
     kinds = np.full(len(first), "moving", dtype=object)
     reasons: dict[str, str] = {}
     if detect and robot.prior is not None and len(first) >= 3 * _WINDOW:
-        kinds, reasons = _by_signals(_parts(log, robot, first), _noises(log, step, width))
+        kinds, reasons = _by_signals(_parts(log, robot, first, _noises(log, step, width)))
     for event in events:
         inside = (log.t[first] < event.end) & (log.t[first] + _PART > event.start)
         kinds[inside] = event.kind
@@ -182,40 +183,46 @@ def _noises(log: Log, step: float, width: int) -> Array:
     return np.quantile(np.array(every), 0.2, axis=0) / np.sqrt(width)
 
 
-def _parts(log: Log, robot: RobotModel, first: np.ndarray) -> _Parts:
+def _parts(log: Log, robot: RobotModel, first: np.ndarray, noise: Array) -> _Parts:
     """The parts of a vehicle's log, with forces by its published values."""
+    system = robot.system
     counts = np.diff([*first, len(log.t)])[:, None]
     v, u, t = (np.add.reduceat(x, first) / counts for x in (log.v, log.u, log.t[:, None]))
-    t = t[:, 0]
-    middle = first + counts[:, 0] // 2
+    units = dict.fromkeys(system.velocity_units)
+    groups = np.array([[float(own == unit) for own in system.velocity_units] for unit in units])
+    still = _still(np.sqrt(v**2 @ groups.T), np.sqrt(noise**2 @ groups.T))
     smooth = ndimage.uniform_filter1d(v, _WINDOW, axis=0, mode="nearest")
-    a = np.gradient(smooth, t, axis=0)
-    system = robot.system
-    assert robot.prior is not None
-    W = system.regressor(t, np.hstack([log.q[middle], v]), v, a, u)
+    smooth[still] = 0.0  # a wheel's slip is the ratio of two speeds, and here of their noise
+    a = np.gradient(smooth, t[:, 0], axis=0)
+    a[still] = 0.0
+    v = np.where(still[:, None], 0.0, v)
+    x = np.hstack([log.q[first + counts[:, 0] // 2], v])
+    W = system.regressor(t[:, 0], x, v, a, u)
     W = np.where(np.isfinite(W), W, 0.0)
     columns = system.structure.columns
     commanded = sorted({c.parameter for c in columns if c.input >= 0})
+    assert robot.prior is not None
     force = -W[:, :, commanded] @ robot.prior[commanded]
-    units = dict.fromkeys(system.velocity_units)
-    groups = np.array([[float(own == unit) for own in system.velocity_units] for unit in units])
-    empty = _Parts(first, v, v, force, W @ robot.prior, groups)
-    return empty._replace(speed=empty.norms(v))
+    return _Parts(first, v, still, force, W @ robot.prior, groups)
 
 
-def _by_signals(parts: _Parts, noise: Array) -> tuple[np.ndarray, dict[str, str]]:
+def _still(speed: Array, noise: Array) -> np.ndarray:
+    """(K,) where nothing moves, from norms (K, g) of the velocities and (g,) of their noise."""
+    energy = ndimage.uniform_filter1d(speed**2, _WINDOW, axis=0, mode="nearest")
+    least = np.maximum(_STILL * np.quantile(speed, _FAST, axis=0), _NOISE * noise)
+    return np.all(np.sqrt(energy) < least, axis=1)
+
+
+def _by_signals(parts: _Parts) -> tuple[np.ndarray, dict[str, str]]:
     """(K,) kind of every part of a vehicle's log, and the reasons of the kinds."""
-    fast = np.quantile(parts.speed, _FAST, axis=0)
-    loud = np.sqrt(noise**2 @ parts.groups.T)
-    energy = ndimage.uniform_filter1d(parts.speed**2, _WINDOW, axis=0, mode="nearest")
-    still = np.all(np.sqrt(energy) < np.maximum(_STILL * fast, _NOISE * loud), axis=1)
+    still = parts.still
     force = parts.norms(parts.force)
     large = np.maximum(np.quantile(force, _FAST, axis=0), 1e-12)
     change = _change(parts, _WINDOW) / large
     off = np.all((force < _OFF * large) & (change < _CONSTANT), axis=1)
     usual = ~still & ~off
     if not usual.any():
-        usual = ~off if (~off).any() else np.ones(len(off), bool)
+        usual = np.ones(len(off), bool)
     missing = ndimage.uniform_filter1d(parts.missing, _WINDOW, axis=0, mode="nearest")
     lacks = parts.norms(missing - np.median(missing[usual], axis=0)) / large
     carries = np.linalg.norm(np.median(parts.force[usual], axis=0) * parts.groups[0])
@@ -223,11 +230,12 @@ def _by_signals(parts: _Parts, noise: Array) -> tuple[np.ndarray, dict[str, str]
     kinds = np.full(len(off), "airborne" if supported else "moving", dtype=object)
     rest = _long(still & off)
     held = still & ~off & np.any(lacks > _UNBALANCED, axis=1)
-    if not supported:
+    if supported:
+        carried = _long(~still & off & (lacks[:, 0] > _SUPPORT))
+        kinds[_wider(carried)] = "carried"
+    else:
         held &= np.any(_change(parts, 4 * _WINDOW) / large > _PUSHES, axis=1)
-    carried = _long(~still & off & (lacks[:, 0] > _SUPPORT)) if supported else ~_long(off | True)
-    kinds[_wider(carried)] = "carried"
-    kinds[_wider(_long(held | (rest & ndimage.binary_dilation(held))))] = "held"
+    kinds[_wider(_long(held))] = "held"
     kinds[_wider(rest)] = "at rest"
     reasons = {
         "at rest": "nothing moves and the motors are off, so what carries it is unknown",
@@ -253,8 +261,11 @@ def _long(chosen: np.ndarray) -> np.ndarray:
 
 
 def _wider(chosen: np.ndarray) -> np.ndarray:
-    """(K,) the parts, and those beside them."""
-    return ndimage.binary_dilation(chosen, iterations=_MARGIN) if chosen.any() else chosen
+    """(K,) the parts, and those of a touch-down before and of lifting off after them."""
+    found = chosen.copy()
+    for a, b in signals.runs(chosen):
+        found[max(a - _TOUCHES, 0) : b + _LEAVES] = True
+    return found
 
 
 def _with_impacts(kinds: np.ndarray, parts: _Parts, reasons: dict[str, str]) -> np.ndarray:
@@ -263,7 +274,7 @@ def _with_impacts(kinds: np.ndarray, parts: _Parts, reasons: dict[str, str]) -> 
     usual = np.isin(kinds, USED)
     starts = [a for a, _ in signals.runs(~usual) if a > 0]
     for a in starts:
-        usual[max(a - _BEFORE, 0) : a + _MARGIN] = False
+        usual[max(a - _BEFORE, 0) : a + _LEAVES] = False
     if not usual.any():
         return kinds
     most = np.maximum(np.quantile(jump[usual], _LARGEST, axis=0), 1e-12)
