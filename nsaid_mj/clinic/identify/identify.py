@@ -155,8 +155,18 @@ def _fitted(
 ) -> Identification:
     """The result of the fit to all rows, and of a law along them if one is named."""
     from .calibrate import calibrate
+    from ..logs.phases import parts_in_words
+    from .foreign_phases import PASSES, foreign_phases, without
 
     found = calibrate(robot, recordings, validation, options, report)
+    for _ in range(PASSES):
+        foreign = foreign_phases(found)
+        if not foreign:
+            break
+        report("fitting without phases that the rest contradicts")
+        rest = without(found.recordings, foreign)
+        found = calibrate(robot, rest, validation, options, report)
+    found = replace(found, verdict=f"{found.verdict} {parts_in_words(found.recordings.phases)}".rstrip())
     if law == "batch":
         return found
     from .law import with_law

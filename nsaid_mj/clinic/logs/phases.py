@@ -290,6 +290,20 @@ def _with_impacts(kinds: np.ndarray, parts: _Parts, reasons: dict[str, str]) -> 
     return found
 
 
+def parts_in_words(found: Sequence[Phase]) -> str:
+    """The part of the logs of which a result speaks, in a sentence; "" if it is the whole."""
+    out: dict[str, float] = {}
+    for phase in found:
+        if not phase.used:
+            out[phase.kind] = out.get(phase.kind, 0.0) + phase.seconds
+    if not out:
+        return ""
+    total = number(sum(phase.seconds for phase in found), significant=3)
+    used = number(sum(phase.seconds for phase in found if phase.used), significant=3)
+    each = ", ".join(f"{kind} {number(x, significant=2)} s" for kind, x in out.items())
+    return f"This is said of {used} of {total} s of the log; left out: {each}."
+
+
 def phases_stated(found: Sequence[Phase], level: Literal["note", "warning"]) -> list[Finding]:
     """The finding about phases that take no part in the fit; none if all do."""
     out = [phase for phase in found if not phase.used]
