@@ -23,7 +23,7 @@ from nsaid_mj.lab.library import load
 from nsaid_mj.lab.plants.arm import true_model
 from nsaid_mj.lab.setup import EXACT_SENSORS, Setup, trajectory
 
-FLYING = ("hummingbird", "crazyflie", "borinot")
+FLYING = ("hummingbird", "crazyflie")
 FLOATING = ("bluerov2", "uvms", "remus100", "catamaran", "f1tenth", "bmw320i")
 ARMS = ("ur5", "panda", "xarm7", "z1")
 KINDS = {

@@ -39,6 +39,8 @@ _BRIDGED = 2  # windows between two such that belong to them
 _LEAST = 0.01  # least usual residual over the forces' deviation
 _PER_PARAMETER = 3  # rows that must be left for every parameter
 _IDLE = 0.05  # command over its large values, up to which a motor does nothing
+_LASTING = 0.5  # least duration of a phase that is named after its commands [s]
+_RARE = 0.005  # quantile of a velocity beyond which it hardly occurs
 _FROZEN = 1e-3  # change over the same, up to which a command does not change
 _WHY: dict[Kind, str] = {
     "moved by hand": "it moves while its commands are zero, far from what explains the rest",
@@ -68,7 +70,11 @@ def foreign_phases(found: Identification) -> list[ForeignPhase]:
     problem = found.fitted.problem
     windows = _Windows(problem)
     foreign = windows.foreign(found.fitted.share, found.theta)
-    return _named(windows, foreign, found.recordings) if foreign.any() else []
+    if not foreign.any():
+        return []
+    named = _named(windows, foreign, found.recordings)
+    # a vehicle that hits something lies still then; its other misfits are the structure's
+    return [each for each in named if found.robot.jointed or each.kind != "contact"]
 
 
 class _Windows:
@@ -182,6 +188,8 @@ def _kind(recordings: Recordings, k: int, start: float, end: float, large: Array
     log = recordings.segments[k].log
     inside = log.u[(log.t >= start) & (log.t <= end)]
     middle = inside[len(inside) // 4 : max(len(inside) - len(inside) // 4, 1)]
+    if end - start < _LASTING:
+        return "contact"
     if np.all(np.abs(middle) <= _IDLE * large):
         return "moved by hand"
     if np.all(np.ptp(middle, axis=0) <= _FROZEN * large):
@@ -190,7 +198,7 @@ def _kind(recordings: Recordings, k: int, start: float, end: float, large: Array
 
 
 def _familiar(recordings: Recordings, phases: Sequence[ForeignPhase]) -> bool:
-    """Whether the robot moves as fast elsewhere as it does in phases."""
+    """Whether most of the velocities in phases occur elsewhere, too."""
     inside = []
     outside = []
     for k, segment in enumerate(recordings.segments):
@@ -199,13 +207,14 @@ def _familiar(recordings: Recordings, phases: Sequence[ForeignPhase]) -> bool:
         for phase in phases:
             if phase.segment == k:
                 own |= (t >= phase.start) & (t <= phase.end)
-        inside.append(np.abs(segment.log.v[own]))
-        outside.append(np.abs(segment.log.v[~own]))
+        inside.append(segment.log.v[own])
+        outside.append(segment.log.v[~own])
     here = np.concatenate(inside)
     there = np.concatenate(outside)
     if not len(here) or not len(there):
         return True
-    return bool(np.all(np.quantile(here, 0.95, axis=0) <= there.max(axis=0)))
+    low, high = np.quantile(there, [_RARE, 1 - _RARE], axis=0)
+    return bool(np.mean(np.all((here >= low) & (here <= high), axis=1)) > 0.5)
 
 
 def without(recordings: Recordings, foreign: Sequence[ForeignPhase]) -> Recordings:

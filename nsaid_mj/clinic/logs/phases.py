@@ -45,7 +45,7 @@ _UNBALANCED = 0.3  # force that is missing, over the same, from which something 
 _PUSHES = 0.2  # change of the force, over the same, that would move what nothing holds
 _SUPPORT = 0.5  # usual force over the large ones, from which motors carry the weight
 _TOUCHES = 5  # parts before such a phase that are left out, too: its touch-down
-_LEAVES = 2  # parts after it: lifting off
+_LEAVES = 1  # parts after it: lifting off
 _BEFORE = 30  # parts before a phase in which an impact may have begun it
 _IMPACT = 3.0  # change of the velocity over the largest usual one
 _FAST = 0.98  # quantiles of what is large
@@ -138,7 +138,8 @@ class _Parts(NamedTuple):
 
     first: np.ndarray  # (K,) first sample of every part
     v: Array  # (K, n) velocities
-    still: np.ndarray  # (K,) whether nothing moves
+    still: np.ndarray  # (K,) whether nothing moves for half a second about it
+    calm: np.ndarray  # (K,) whether nothing moves in it
     force: Array  # (K, n) that the motors exert by the published values
     missing: Array  # (K, n) force that would have to act besides to move it as it moves
     groups: Array  # (g, n) 1 at the velocities of a unit
@@ -190,7 +191,11 @@ def _parts(log: Log, robot: RobotModel, first: np.ndarray, noise: Array) -> _Par
     v, u, t = (np.add.reduceat(x, first) / counts for x in (log.v, log.u, log.t[:, None]))
     units = dict.fromkeys(system.velocity_units)
     groups = np.array([[float(own == unit) for own in system.velocity_units] for unit in units])
-    still = _still(np.sqrt(v**2 @ groups.T), np.sqrt(noise**2 @ groups.T))
+    speed = np.sqrt(v**2 @ groups.T)
+    least = np.quantile(speed, _FAST, axis=0)
+    least = np.maximum(_STILL * least, _NOISE * np.sqrt(noise**2 @ groups.T))
+    energy = ndimage.uniform_filter1d(speed**2, _WINDOW, axis=0, mode="nearest")
+    still = np.all(np.sqrt(energy) < least, axis=1)
     smooth = ndimage.uniform_filter1d(v, _WINDOW, axis=0, mode="nearest")
     smooth[still] = 0.0  # a wheel's slip is the ratio of two speeds, and here of their noise
     a = np.gradient(smooth, t[:, 0], axis=0)
@@ -203,14 +208,7 @@ def _parts(log: Log, robot: RobotModel, first: np.ndarray, noise: Array) -> _Par
     commanded = sorted({c.parameter for c in columns if c.input >= 0})
     assert robot.prior is not None
     force = -W[:, :, commanded] @ robot.prior[commanded]
-    return _Parts(first, v, still, force, W @ robot.prior, groups)
-
-
-def _still(speed: Array, noise: Array) -> np.ndarray:
-    """(K,) where nothing moves, from norms (K, g) of the velocities and (g,) of their noise."""
-    energy = ndimage.uniform_filter1d(speed**2, _WINDOW, axis=0, mode="nearest")
-    least = np.maximum(_STILL * np.quantile(speed, _FAST, axis=0), _NOISE * noise)
-    return np.all(np.sqrt(energy) < least, axis=1)
+    return _Parts(first, v, still, np.all(speed < least, axis=1), force, W @ robot.prior, groups)
 
 
 def _by_signals(parts: _Parts) -> tuple[np.ndarray, dict[str, str]]:
@@ -232,11 +230,11 @@ def _by_signals(parts: _Parts) -> tuple[np.ndarray, dict[str, str]]:
     held = still & ~off & np.any(lacks > _UNBALANCED, axis=1)
     if supported:
         carried = _long(~still & off & (lacks[:, 0] > _SUPPORT))
-        kinds[_wider(carried)] = "carried"
+        kinds[_wider(carried, ~parts.calm)] = "carried"
     else:
         held &= np.any(_change(parts, 4 * _WINDOW) / large > _PUSHES, axis=1)
-    kinds[_wider(_long(held))] = "held"
-    kinds[_wider(rest)] = "at rest"
+    kinds[_wider(_long(held), parts.calm)] = "held"
+    kinds[_wider(rest, parts.calm)] = "at rest"
     reasons = {
         "at rest": "nothing moves and the motors are off, so what carries it is unknown",
         "held": "nothing moves while the motors push: something holds it",
@@ -260,10 +258,16 @@ def _long(chosen: np.ndarray) -> np.ndarray:
     return found
 
 
-def _wider(chosen: np.ndarray) -> np.ndarray:
-    """(K,) the parts, and those of a touch-down before and of lifting off after them."""
+def _wider(chosen: np.ndarray, alike: np.ndarray) -> np.ndarray:
+    """(K,) the parts, those of a touch-down before and of lifting off after them.
+
+    Both judge half a second about a part, and so begin late and end early: `alike` (K,) parts
+    beside them belong to them.
+    """
     found = chosen.copy()
     for a, b in signals.runs(chosen):
+        while b < len(chosen) and alike[b]:
+            b += 1
         found[max(a - _TOUCHES, 0) : b + _LEAVES] = True
     return found
 
