@@ -19,7 +19,7 @@ from ..logs.mapping import Map, read_map
 from ..logs.tables import LogTable, read_tables
 from .estimate import estimate
 from .fit import DELAY
-from .logs import ServoLog, ServoLogs, read_servo_logs, servo_map
+from .logs import ServoLog, ServoLogs, read_servo_logs, servo_map, settled
 from .result import (
     ServoIdentification,
     gravity_notes,
@@ -184,6 +184,7 @@ def _with_profile(given: ServoLogs) -> tuple[ServoLogs, tuple[Finding, ...]]:
 
 def _masked(logs: Sequence[ServoLog], used: Array) -> tuple[Finding, ...]:
     """Reports the logs that have windows with external forces."""
+    used = np.where(settled(logs) > 0, used, 1.0)
     share = float(1 - used.mean())
     found = []
     begin = 0
