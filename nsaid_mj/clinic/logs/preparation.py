@@ -87,7 +87,7 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
         segments += own
         seen += parts
     stated = phases_stated(seen, "note")
-    findings += stated
+    findings[:0] = stated  # what the rest is said of comes first
     findings += short_stated(short, len(segments), SHORTEST)
     if sum(len(segment.log.t) for segment in segments) < LEAST * rate:
         text = f"no interval of {LEAST} s has all signals"
