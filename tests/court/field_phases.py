@@ -41,6 +41,7 @@ KINDS = {
 }
 """Robots of every kind of log."""
 
+_SECOND = ("twice", "pause", "hand")  # kinds with two motions
 _RATE = 100.0  # rows per second
 
 
@@ -68,16 +69,15 @@ class Drawn:
 
 
 class FromRest(Driver):
-    """A driver whose robot starts at rest; at a share of its commands' variation if gentle."""
+    """A driver whose robot starts at rest."""
 
-    def __init__(self, driver: Driver, own: bool):
+    def __init__(self, driver: Driver):
         self._driver = driver
-        self._own = own
 
     def start(self) -> tuple[Array, Array]:
-        """The driver's position, and rest unless the robot needs its own speed."""
+        """The driver's position, and rest."""
         q, v = self._driver.start()
-        return q, v if self._own else np.zeros_like(v)
+        return q, np.zeros_like(v)
 
     def command(self, t: float, q: Array, v: Array) -> Array:
         """(n_u,) the driver's."""
@@ -93,9 +93,8 @@ def draw(seed: int, folder: Path, kind: str | None = None, model: str | None = N
     seconds = float(rng.uniform(10, 16)) * (2.0 if model in FLOATING else 1.0)
     scenario = replace(load(model), seed=seed, sensors="ideal", duration=seconds)
     setup = Setup.of(scenario)
-    parts = [_run(setup, k, seconds) for k in (0, 1)]
-    if kind == "gentle":
-        parts = _gentle(setup, parts, model in FLYING, rng)
+    first = _gentle(setup, model in FLYING, rng) if kind == "gentle" else _run(setup, 0, seconds)
+    parts = [first, _run(setup, 1, seconds) if kind in _SECOND else first]
     made = _Joined(setup.system, arm)
     _assemble(made, kind, parts, rng)
     if kind == "contact":
@@ -103,15 +102,18 @@ def draw(seed: int, folder: Path, kind: str | None = None, model: str | None = N
     return _written(made, setup, rng, kind, model, folder)
 
 
-def _run(setup: Setup, which: int, seconds: float, size: float = 1.0) -> Log:
+def _run(setup: Setup, which: int, seconds: float) -> Log:
     """A motion of the robot from rest, at the log's rate."""
     scenario = replace(setup.scenario, seed=setup.scenario.seed + 1000 * which)
-    driver = replace(setup, scenario=scenario).driver()
-    steps = round(seconds / scenario.dt)
+    return _followed(setup, FromRest(replace(setup, scenario=scenario).driver()), seconds)
+
+
+def _followed(setup: Setup, driver: Driver, seconds: float) -> Log:
+    dt = setup.scenario.dt
     with setup.plant.running():
-        log = trajectory(setup.plant, FromRest(driver, False), steps, EXACT_SENSORS)
-    every = max(1, round(1 / (_RATE * scenario.dt)))
-    return Log(log.t[::every], log.q[::every], log.v[::every], log.u[::every])
+        log = trajectory(setup.plant, driver, round(seconds / dt), EXACT_SENSORS)
+    every = max(1, round(1 / (_RATE * dt)))
+    return Log(*(part[::every] for part in log))
 
 
 class _Joined:
@@ -256,23 +258,17 @@ def _turned(pose: Array, rng: np.random.Generator) -> Array:
     return found
 
 
-def _gentle(
-    setup: Setup, parts: list[Log], flying: bool, rng: np.random.Generator
-) -> list[Log]:
+def _gentle(setup: Setup, flying: bool, rng: np.random.Generator) -> Log:
     """A slow motion after a few seconds: a rotorcraft hovers, others creep or drift to rest."""
     driver = setup.driver()
-    share = 0.0 if flying else float(rng.uniform(0.1, 0.3))
+    share = float(rng.uniform(0.1, 0.3))
 
     class Slow(FromRest):
         def command(self, t: float, q: Array, v: Array) -> Array:
             u = driver.command(t, q, v)
             return u if flying or t < 5 else share * u
 
-    steps = round(setup.scenario.duration / setup.scenario.dt)
-    with setup.plant.running():
-        log = trajectory(setup.plant, Slow(driver, False), steps, EXACT_SENSORS)
-    every = max(1, round(1 / (_RATE * setup.scenario.dt)))
-    return [Log(*(x[::every] for x in log)), parts[1]]
+    return _followed(setup, Slow(driver), setup.scenario.duration)
 
 
 def _touch(made: _Joined, setup: Setup, rng: np.random.Generator) -> None:
@@ -291,12 +287,10 @@ def _touch(made: _Joined, setup: Setup, rng: np.random.Generator) -> None:
     gain = setup.plant.truth[system.space["motor gain"]]
     q, u = made.q[0], made.u[0].copy()
     for k in range(count):
-        frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         J = pin.computeJointJacobian(model, data, q[begin + k], model.njoints - 1)
         pin.forwardKinematics(model, data, q[begin + k])
         R = data.oMi[model.njoints - 1].rotation
         u[begin + k] -= profile[k] * (J.T @ np.r_[R.T @ pull[:3], np.zeros(3)]) / gain
-        del frame
     made.u[0] = u
     made.out.append((begin / _RATE, (begin + count) / _RATE))
 
