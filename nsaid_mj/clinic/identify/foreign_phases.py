@@ -1,4 +1,4 @@
-"""Phases that only the residuals show: somebody moves an arm, it hits a table, its controller pauses.
+"""Phases that only the residuals show: a hand moves an arm, it hits a table, its controller pauses.
 
 A fit to a log with such a stretch is pulled towards it and explains neither part. So the windows
 that fit worst are set aside and the rest is fitted again (least trimmed squares, Rousseeuw 1984).
@@ -9,13 +9,15 @@ speed, or everywhere a little, is wrong, and stays in the fit.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from ...core import Array, Indices
+from ...base import Finding
+from ...core import Array, Indices, number
 from ..logs.phases import Kind, Phase, phases_stated
 from ..logs.preparation import SHORTEST
 from ..logs.recordings import LogSegment, Recordings
@@ -45,7 +47,7 @@ _FROZEN = 1e-3  # change over the same, up to which a command does not change
 _WHY: dict[Kind, str] = {
     "moved by hand": "it moves while its commands are zero, far from what explains the rest",
     "paused controller": "its commands stand still, far from what explains the rest",
-    "contact": "other forces act, as of a contact or a load; the same motion is explained elsewhere",
+    "contact": "other forces act, as of a contact; motion alike is explained elsewhere",
 }
 
 
@@ -75,6 +77,39 @@ def foreign_phases(found: Identification) -> list[ForeignPhase]:
     named = _named(windows, foreign, found.recordings)
     # a vehicle that hits something lies still then; its other misfits are the structure's
     return [each for each in named if found.robot.jointed or each.kind != "contact"]
+
+
+def foreign_in_validation(
+    found: Identification, validation: Recordings | None
+) -> list[ForeignPhase]:
+    """Those of a validation log, on which the fit has no say: its commands must betray them."""
+    problem = found.fitted.made.checked
+    errors = [joint.validation or 0.0 for joint in found.joints]
+    if validation is None or problem is None or not max(errors) > _WELL:
+        return []
+    windows = _Windows(problem)
+    foreign = windows.far_from(found.theta)
+    named = _named(windows, foreign, validation) if foreign.any() else []
+    return [each for each in named if each.kind != "contact"]
+
+
+def unfiltered(found: Identification) -> list[Finding]:
+    """The finding about segments that are shorter than the filter of the rows; none without any."""
+    recordings = found.recordings
+    used = np.unique(found.fitted.problem.segment)
+    lost = np.setdiff1d(np.arange(len(recordings.segments)), used)
+    if not len(lost):
+        return []
+    logs = [segment.log for segment in recordings.segments]
+    lengths = np.array([log.t[-1] - log.t[0] for log in logs])
+    text = f"{len(lost)} of {len(logs)} stretches, {number(lengths[lost].sum(), significant=2)} of "
+    text += f"{number(lengths.sum(), significant=3)} s, are shorter than the filter of the fit's "
+    text += f"rows ({number(3 / found.cutoff, significant=2)} s at {number(found.cutoff)} Hz) and "
+    text += "take no part in it"
+    data = {"count": len(lost), "of": len(logs), "seconds": float(lengths[lost].sum())}
+    level = "warning" if lengths[lost].sum() > 0.5 * lengths.sum() else "note"
+    remedy = "Record longer stretches, or give a higher --cutoff."
+    return [Finding(level, "short_stretch", "", text, remedy, data)]
 
 
 class _Windows:
@@ -147,13 +182,16 @@ class _Windows:
         apart = np.median(far[found & self.used]) > _APART * np.quantile(far[rest], 0.98)
         return found if apart else none
 
+    def far_from(self, theta: Array) -> Mask:
+        """(K,) windows far from the others under a θ that is not fitted to them."""
+        return self._stretches(*self.errors(theta, self.used))
+
     def _stretches(self, far: Array, large: Array) -> Mask:
         """(K,) the windows in stretches far from the rest, with what lies between them."""
         top = _TOP * float(far[self.used].max())
         found = self.used & (far > max(_FAR, top)) & (large > _LARGE)
         segment = np.array(self.segment)
-        edges = runs(found)
-        for (_, a), (b, _) in zip(edges[:-1], edges[1:], strict=True):
+        for (_, a), (b, _) in itertools.pairwise(runs(found)):
             if segment[a - 1] == segment[b] and self.used[a:b].sum() <= _BRIDGED:
                 found[a:b] = True
         for a, b in runs(found):
@@ -219,6 +257,8 @@ def _familiar(recordings: Recordings, phases: Sequence[ForeignPhase]) -> bool:
 
 def without(recordings: Recordings, foreign: Sequence[ForeignPhase]) -> Recordings:
     """The recordings cut at other phases, with a warning of what was left out."""
+    if not foreign:
+        return recordings
     segments: list[LogSegment] = []
     phases = list(recordings.phases)
     for k, segment in enumerate(recordings.segments):
@@ -231,8 +271,8 @@ def without(recordings: Recordings, foreign: Sequence[ForeignPhase]) -> Recordin
         segments += [
             _part(segment, a, b) for a, b in runs(~out) if (b - a) / recordings.rate >= SHORTEST
         ]
-    findings = [finding for finding in recordings.findings if finding.code != "phases"]
-    findings += phases_stated(phases, "warning")
+    findings = phases_stated(phases, "warning")
+    findings += [finding for finding in recordings.findings if finding.code != "phases"]
     return replace(
         recordings, segments=tuple(segments), phases=tuple(phases), findings=tuple(findings)
     )

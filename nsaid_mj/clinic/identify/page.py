@@ -34,8 +34,8 @@ from ...report import (
     gains_of,
 )
 from ...report import Panel as Curves
-from . import wording
 from ..logs.recordings import Recordings
+from . import wording
 from .curves import with_curves
 from .result import Identification
 

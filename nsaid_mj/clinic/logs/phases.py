@@ -6,6 +6,7 @@ first; then its signals, in parts of a tenth of a second: what moves, what the m
 under the model's published values, and whether that balances.
 """
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple
 
@@ -170,7 +171,7 @@ def phases(
         reasons[event.kind] = f"{event.column} says so"
     found = []
     edges = [0, *(np.flatnonzero(kinds[1:] != kinds[:-1]) + 1).tolist(), len(kinds)]
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in itertools.pairwise(edges):
         last = first[b] if b < len(first) else len(log.t)
         found.append(Phase(kinds[a], source, log.part(first[a], last), reasons.get(kinds[a], "")))
     return found
@@ -266,9 +267,10 @@ def _wider(chosen: np.ndarray, alike: np.ndarray) -> np.ndarray:
     """
     found = chosen.copy()
     for a, b in signals.runs(chosen):
-        while b < len(chosen) and alike[b]:
-            b += 1
-        found[max(a - _TOUCHES, 0) : b + _LEAVES] = True
+        end = b
+        while end < len(chosen) and alike[end]:
+            end += 1
+        found[max(a - _TOUCHES, 0) : end + _LEAVES] = True
     return found
 
 

@@ -12,10 +12,10 @@ from . import signals
 from .cleaning import (
     Cleaned,
     Rest,
+    ShortStretch,
     about_rows,
     clean,
     cut_rest,
-    ShortStretch,
     limits_stated,
     moving_part,
     rows_of,

@@ -117,7 +117,8 @@ def identify_servos(
     begin = time.perf_counter()
     length = sum(log.t[-1] - log.t[0] for log in given.logs if not log.loaded)
     if length < 10.0:
-        remedy = "Intervals need several motions."
+        short = [f"{f.text}." for f in given.findings if f.code == "short_stretch"]
+        remedy = " ".join([*short, "Intervals need several motions."])
         raise InvalidInput("log", "ten seconds of motion or more", f"{length:.1f} s", remedy)
     report("looking for a profile of the targets")
     given, profile = _with_profile(given)
