@@ -42,11 +42,12 @@ _STILL = 0.02  # speed over the log's fast ones, below which nothing moves
 _NOISE = 2.5  # the same over the noise of a part's mean
 _OFF = 0.1  # force of the motors over the log's large ones, below which they are off
 _CONSTANT = 0.02  # its change over the same, below which commands rest
-_UNBALANCED = 0.3  # force that is missing, over the same, from which something else holds it
+_UNBALANCED = 0.3  # missing force over the same, or the weight, from which something holds it
 _PUSHES = 0.2  # change of the force, over the same, that would move what nothing holds
-_SUPPORT = 0.5  # usual force over the large ones, from which motors carry the weight
+_SUPPORT = 0.5  # weight over the usual force, from which motors carry it; part that is missing
 _TOUCHES = 5  # parts before such a phase that are left out, too: its touch-down
 _LEAVES = 1  # parts after it: lifting off
+_MOMENT = 3  # parts of a phase that has no name of its own beside others
 _BEFORE = 30  # parts before a phase in which an impact may have begun it
 _IMPACT = 3.0  # change of the velocity over the largest usual one
 _FAST = 0.98  # quantiles of what is large
@@ -144,6 +145,7 @@ class _Parts(NamedTuple):
     force: Array  # (K, n) that the motors exert by the published values
     missing: Array  # (K, n) force that would have to act besides to move it as it moves
     groups: Array  # (g, n) 1 at the velocities of a unit
+    weight: float  # less buoyancy [N], or a planar vehicle's 0
 
     def norms(self, x: Array) -> Array:
         """(K, g) norms of x (K, n) over the velocities of either unit."""
@@ -169,11 +171,26 @@ def phases(
         inside = (log.t[first] < event.end) & (log.t[first] + _PART > event.start)
         kinds[inside] = event.kind
         reasons[event.kind] = f"{event.column} says so"
+    kinds = _absorbed(kinds)
     found = []
     edges = [0, *(np.flatnonzero(kinds[1:] != kinds[:-1]) + 1).tolist(), len(kinds)]
     for a, b in itertools.pairwise(edges):
         last = first[b] if b < len(first) else len(log.t)
         found.append(Phase(kinds[a], source, log.part(first[a], last), reasons.get(kinds[a], "")))
+    return found
+
+
+def _absorbed(kinds: np.ndarray) -> np.ndarray:
+    """(K,) the kinds, without moments of one between or beside others that are left out, too."""
+    found = kinds.copy()
+    out = ~np.isin(kinds, USED)
+    for a, b in signals.runs(out):
+        edges = [a, *(np.flatnonzero(kinds[a + 1 : b] != kinds[a : b - 1]) + a + 1).tolist(), b]
+        spans = list(itertools.pairwise(edges))
+        longest = max(spans, key=lambda span: span[1] - span[0])
+        for first, last in spans:
+            if last - first < _MOMENT:
+                found[first:last] = kinds[first - 1] if first > a else kinds[longest[0]]
     return found
 
 
@@ -202,14 +219,20 @@ def _parts(log: Log, robot: RobotModel, first: np.ndarray, noise: Array) -> _Par
     a = np.gradient(smooth, t[:, 0], axis=0)
     a[still] = 0.0
     v = np.where(still[:, None], 0.0, v)
-    x = np.hstack([log.q[first + counts[:, 0] // 2], v])
+    middle = first + counts[:, 0] // 2
+    x = np.hstack([log.q[middle], v])
     W = system.regressor(t[:, 0], x, v, a, u)
     W = np.where(np.isfinite(W), W, 0.0)
     columns = system.structure.columns
     commanded = sorted({c.parameter for c in columns if c.input >= 0})
     assert robot.prior is not None
     force = -W[:, :, commanded] @ robot.prior[commanded]
-    return _Parts(first, v, still, np.all(speed < least, axis=1), force, W @ robot.prior, groups)
+    none = np.zeros_like(v)
+    x = np.hstack([log.q[middle], none])
+    at_rest = system.regressor(t[:, 0], x, none, none, np.zeros_like(u)) @ robot.prior
+    weight = np.sqrt(np.where(np.isfinite(at_rest), at_rest, 0.0) ** 2 @ groups[0])
+    calm = np.all(speed < least, axis=1)
+    return _Parts(first, v, still, calm, force, W @ robot.prior, groups, float(np.median(weight)))
 
 
 def _by_signals(parts: _Parts) -> tuple[np.ndarray, dict[str, str]]:
@@ -222,10 +245,12 @@ def _by_signals(parts: _Parts) -> tuple[np.ndarray, dict[str, str]]:
     usual = ~still & ~off
     if not usual.any():
         usual = np.ones(len(off), bool)
+    supported = bool(parts.weight > _SUPPORT * np.median(force[usual, 0]))
+    scale = large.copy()
+    if supported:
+        scale[0] = parts.weight
     missing = ndimage.uniform_filter1d(parts.missing, _WINDOW, axis=0, mode="nearest")
-    lacks = parts.norms(missing - np.median(missing[usual], axis=0)) / large
-    carries = np.linalg.norm(np.median(parts.force[usual], axis=0) * parts.groups[0])
-    supported = bool(carries > _SUPPORT * large[0])
+    lacks = parts.norms(missing - np.median(missing[usual], axis=0)) / scale
     kinds = np.full(len(off), "airborne" if supported else "moving", dtype=object)
     rest = _long(still & off)
     held = still & ~off & np.any(lacks > _UNBALANCED, axis=1)
@@ -234,8 +259,9 @@ def _by_signals(parts: _Parts) -> tuple[np.ndarray, dict[str, str]]:
         kinds[_wider(carried, ~parts.calm)] = "carried"
     else:
         held &= np.any(_change(parts, 4 * _WINDOW) / large > _PUSHES, axis=1)
-    kinds[_wider(_long(held), parts.calm)] = "held"
-    kinds[_wider(rest, parts.calm)] = "at rest"
+    held = _long(held)
+    kinds[_wider(held, parts.calm)] = "held"
+    kinds[_wider(rest, parts.calm & ~held)] = "at rest"
     reasons = {
         "at rest": "nothing moves and the motors are off, so what carries it is unknown",
         "held": "nothing moves while the motors push: something holds it",
