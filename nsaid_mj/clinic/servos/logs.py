@@ -32,7 +32,7 @@ TRAVEL = 5e-3
 """Least travel of a joint that moves [rad or m]."""
 _LEADS = 0.8  # error of an early target over that of a late one, below which columns are swapped
 _SETTLES = 0.3  # time in which a joint forgets how a stretch began [s]
-_BEGINS = 0.1  # of a stretch, in which a joint shows that it moves [s]
+_BEGINS = 0.05  # of a stretch, in which a joint shows that it moves [s]
 _SPAN = 0.02  # half of that over which speeds are differences of positions [s]
 _SHORTEST = 0.5  # shorter stretches are left out [s]: a joint's delay and damping last as long
 
