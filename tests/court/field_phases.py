@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation, Slerp
 
+from nsaid_mj.clinic.logs.layout import pose_velocity
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.core.structure.joints import JointTree
@@ -34,6 +35,7 @@ KINDS = {
     "armed column": (*FLYING, *FLOATING),
     "after": FLOATING,
     "twice": (*FLYING, *FLOATING),
+    "carried": FLYING,
     "crash": FLYING,
     "pause": ARMS,
     "hand": ARMS,
@@ -190,8 +192,10 @@ def _assemble(made: _Joined, kind: str, parts: list[Log], rng: np.random.Generat
             made.rest(first.q[0], rise[:, None] * top, count / _RATE, armed=True)
         made.motion(first)
         return
+    if kind == "carried":
+        _carried(made, first.q[0], off, rng)
     made.motion(first)
-    if kind in ("healthy", "gentle", "contact"):
+    if kind in ("healthy", "gentle", "contact", "carried"):
         return
     speed = first.v[-1]
     if kind == "crash":
@@ -230,6 +234,17 @@ def _led(made: _Joined, pose: Array, u: Array, seconds: float) -> None:
     q = made.last + share[:, None] * (pose - made.last)
     v = np.gradient(q, 1 / _RATE, axis=0)
     made.add(q, v, np.repeat(u[None], len(q), axis=0), False)
+
+
+def _carried(made: _Joined, pose: Array, off: Array, rng: np.random.Generator) -> None:
+    """From where it lay to the place of its take-off, in somebody's hand, motors off."""
+    there = pose.copy()
+    there[:3] += rng.uniform(-3, 3, 3)
+    made.rest(_turned(there, rng), off, 1.0)
+    s = np.linspace(0, 1, round(_RATE * rng.uniform(3, 6)))
+    q = between(made.system, made.last, pose, 10 * s**3 - 15 * s**4 + 6 * s**5)
+    made.add(q, pose_velocity(q, _RATE), np.repeat(off[None], len(q), axis=0), False, False)
+    made.rest(pose, off, 1.0)
 
 
 def _placed(made: _Joined, pose: Array) -> Array:

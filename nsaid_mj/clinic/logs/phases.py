@@ -40,6 +40,7 @@ _PART = 0.1  # length of the parts of a log [s]
 _WINDOW = 5  # parts over which rest, constancy and balance are judged
 _STILL = 0.02  # speed over the log's fast ones, below which nothing moves
 _NOISE = 2.5  # the same over the noise of a part's mean
+_DRIFTS = 4.0  # speed over that, at which a rest goes on while the motors are off
 _OFF = 0.1  # force of the motors over the log's large ones, below which they are off
 _CONSTANT = 0.02  # its change over the same, below which commands rest
 _UNBALANCED = 0.3  # missing force over the same, or the weight, from which something holds it
@@ -142,6 +143,7 @@ class _Parts(NamedTuple):
     v: Array  # (K, n) velocities
     still: np.ndarray  # (K,) whether nothing moves for half a second about it
     calm: np.ndarray  # (K,) whether nothing moves in it
+    slow: np.ndarray  # (K,) whether it hardly drifts
     force: Array  # (K, n) that the motors exert by the published values
     missing: Array  # (K, n) force that would have to act besides to move it as it moves
     groups: Array  # (g, n) 1 at the velocities of a unit
@@ -232,7 +234,10 @@ def _parts(log: Log, robot: RobotModel, first: np.ndarray, noise: Array) -> _Par
     at_rest = system.regressor(t[:, 0], x, none, none, np.zeros_like(u)) @ robot.prior
     weight = np.sqrt(np.where(np.isfinite(at_rest), at_rest, 0.0) ** 2 @ groups[0])
     calm = np.all(speed < least, axis=1)
-    return _Parts(first, v, still, calm, force, W @ robot.prior, groups, float(np.median(weight)))
+    slow = np.all(speed < _DRIFTS * least, axis=1)
+    missing = W @ robot.prior
+    net = float(np.median(weight))
+    return _Parts(first, v, still, calm, slow, force, missing, groups, net)
 
 
 def _by_signals(parts: _Parts) -> tuple[np.ndarray, dict[str, str]]:
@@ -261,7 +266,7 @@ def _by_signals(parts: _Parts) -> tuple[np.ndarray, dict[str, str]]:
         held &= np.any(_change(parts, 4 * _WINDOW) / large > _PUSHES, axis=1)
     held = _long(held)
     kinds[_wider(held, parts.calm)] = "held"
-    kinds[_wider(rest, parts.calm & ~held)] = "at rest"
+    kinds[_wider(rest, (parts.calm | (parts.slow & off)) & ~held)] = "at rest"
     reasons = {
         "at rest": "nothing moves and the motors are off, so what carries it is unknown",
         "held": "nothing moves while the motors push: something holds it",

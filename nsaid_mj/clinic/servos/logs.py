@@ -32,7 +32,8 @@ TRAVEL = 5e-3
 """Least travel of a joint that moves [rad or m]."""
 _LEADS = 0.8  # error of an early target over that of a late one, below which columns are swapped
 _SETTLES = 0.3  # time in which a joint forgets how a stretch began [s]
-_BEGINS = 0.05  # of a stretch, in which a joint shows that it moves [s]
+_BEGINS = 0.04  # after the start and again after that, positions tell the first speed [s]
+_MOVES = 0.12  # first speed from which a stretch begins in motion [rad/s or m/s]
 _SPAN = 0.02  # half of that over which speeds are differences of positions [s]
 _SHORTEST = 0.5  # shorter stretches are left out [s]: a joint's delay and damping last as long
 
@@ -290,8 +291,11 @@ def settled(logs: Sequence[ServoLog]) -> Array:
     for log in logs:
         own = np.ones(len(log.t))
         since = log.t - log.t[0]
-        begun = np.abs(log.position[np.searchsorted(since, _BEGINS)] - log.position[0])
-        if (begun > TRAVEL).any():
+        q, later, last = (
+            np.array([np.interp(k * _BEGINS, since, x) for x in log.position.T]) for k in range(3)
+        )
+        speed = np.sign(last - q) * (4 * later - 3 * q - last) / (2 * _BEGINS)  # of a parabola
+        if (speed > _MOVES).any():
             own[since < _SETTLES] = 0.0
         found.append(own)
     return np.concatenate(found)

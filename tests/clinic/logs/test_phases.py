@@ -33,6 +33,7 @@ def read(drawn, mapping: Map | None = None) -> Recordings:
         ("ground", "crazyflie", {"at rest"}),
         ("ground", "f1tenth", {"at rest"}),  # whose tyres slip by the ratio of two noises
         ("spinning", "hummingbird", {"at rest", "held"}),
+        ("carried", "crazyflie", {"at rest", "carried"}),
         ("twice", "bluerov2", {"at rest"}),
         ("crash", "crazyflie", {"at rest", "held", "after an impact"}),
     ],
