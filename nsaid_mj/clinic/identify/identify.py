@@ -154,9 +154,30 @@ def _fitted(
     report: Callable[[str], None],
 ) -> Identification:
     """The result of the fit to all rows, and of a law along them if one is named."""
+    from ..logs.phases import parts_in_words
     from .calibrate import calibrate
+    from .foreign_phases import (
+        PASSES,
+        foreign_in_validation,
+        foreign_phases,
+        unfiltered,
+        without,
+    )
 
     found = calibrate(robot, recordings, validation, options, report)
+    for _ in range(PASSES):
+        foreign = foreign_phases(found)
+        unseen = foreign_in_validation(found, validation)
+        if not foreign and not unseen:
+            break
+        report("fitting without phases that the rest contradicts")
+        rest = without(found.recordings, foreign)
+        if validation is not None:
+            validation = without(validation, unseen)
+        found = calibrate(robot, rest, validation, options, report)
+    sentence = f"{found.verdict} {parts_in_words(found.recordings.phases)}".rstrip()
+    findings = (*found.findings, *unfiltered(found))
+    found = replace(found, verdict=sentence, findings=findings)
     if law == "batch":
         return found
     from .law import with_law

@@ -3,15 +3,17 @@
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from rich.console import Console
 
-from ...core import Array, number
+from ...core import Array, Log, number
 from ...report import (
     BAD,
     COLOURS,
+    GRID,
     Cell,
     Mark,
     Page,
@@ -99,7 +101,8 @@ def _cells(channel: ChannelFigures) -> list[Cell]:
 def draw_inspection(found: Inspection, path: Path) -> Path:
     """Draws q, v and u of every joint over time, or all channels if they are not matched, as PNG.
 
-    Rows that are not used for a joint are marked on its velocity. Returns the path.
+    Rows that are not used for a joint are marked on its velocity, and phases that take no part in
+    the fit are grey, with their kinds. Returns the path.
     """
     if found.recordings is not None and found.robot is not None:
         lines = _signals(found.recordings, found.robot)
@@ -111,11 +114,34 @@ def draw_inspection(found: Inspection, path: Path) -> Path:
 Line = Mapping[str, Callable[[Axes], None]]
 
 
+class _Part(NamedTuple):
+    """A segment, or a phase that is left out, on the axis of all logs."""
+
+    log: Log
+    start: float  # of its first sample on that axis [s]
+    usable: np.ndarray | None  # (N, n) rows that a fit may use; None of a phase that is left out
+    kind: str = ""  # of such a phase
+
+
+def _parts(recordings: Recordings) -> list[_Part]:
+    """The phases of all logs, one after another: used ones as their segments."""
+    found = []
+    start = 0.0
+    for phase in recordings.phases:
+        first, last = phase.log.t[[0, -1]].tolist()
+        if not phase.used:
+            found.append(_Part(phase.log, start, None, phase.kind))
+        for segment in recordings.segments if phase.used else ():
+            begin = float(segment.log.t[0])
+            if segment.source == phase.source and first <= begin <= last:
+                found.append(_Part(segment.log, start + begin - first, segment.usable))
+        start += last - first
+    return found
+
+
 def _signals(recordings: Recordings, robot: RobotModel) -> list[Line]:
     """A line for each joint, or for each position, velocity and command of a vehicle."""
-    logs = [segment.log for segment in recordings.segments]
-    starts = np.cumsum([0.0, *(log.t[-1] - log.t[0] for log in logs)])
-    times = [log.t - log.t[0] + start for log, start in zip(logs, starts, strict=False)]
+    parts = _parts(recordings)
     names = signal_names(robot)
     own = zip(names["u"], recordings.command_units, strict=False)
     names["u"] = [(name, unit) for (name, _), unit in own] or names["u"]
@@ -123,14 +149,11 @@ def _signals(recordings: Recordings, robot: RobotModel) -> list[Line]:
     lines: list[Line] = []
     for j in range(max(map(len, names.values()))):
         line: dict[str, Callable[[Axes], None]] = dict.fromkeys(titles, Axes.set_axis_off)
-        for part, (title, columns) in enumerate(zip(titles, names.values(), strict=True), 1):
+        for place, (title, columns) in enumerate(zip(titles, names.values(), strict=True), 1):
             if j < len(columns):
                 name, unit = columns[j]
                 label = f"{name} [{unit}]" if unit else name
-                segments = recordings.segments if part == 2 else ()
-                used = [segment.usable[:, j] for segment in segments]
-                values = [log[part][:, j] for log in logs if j < log[part].shape[1]]
-                line[title] = partial(_curves, times, values, label, used)
+                line[title] = partial(_phases, parts, place, j, label)
         lines.append(line)
     return lines
 
@@ -141,28 +164,41 @@ def _channels(found: Inspection) -> list[Line]:
     for start in range(0, len(channels), 3):
         row = channels[start : start + 3]
         panels = {
-            " " * k: partial(_curves, [channel.t], [channel.values], name, [])
+            " " * k: partial(_curve, channel.t, channel.values, name)
             for k, (name, channel) in enumerate(row)
         }
         lines.append(panels | {" " * k: Axes.set_axis_off for k in range(len(row), 3)})
     return lines
 
 
-def _curves(
-    times: Sequence[Array],
-    values: Sequence[Array],
-    label: str,
-    used: Sequence[np.ndarray],
-    axis: Axes,
-) -> None:
-    """Draws one curve for each segment; rows that are not used are dots."""
-    for k, (t, x) in enumerate(zip(times, values, strict=False)):
+def _phases(parts: Sequence[_Part], place: int, j: int, label: str, axis: Axes) -> None:
+    """Draws column j of the q, v or u (`place` 1, 2 or 3) of all parts; those left out are grey."""
+    used = 0
+    for part in parts:
+        t = part.log.t - part.log.t[0] + part.start
+        x = part.log[place][:, j]
         rows = extremes(x, _POINTS)
-        axis.plot(t[rows], x[rows], color=COLOURS[k % len(COLOURS)], linewidth=0.8)
-        if k < len(used):
-            off = np.flatnonzero(~used[k])
+        left_out = part.usable is None
+        colour = COLOURS[8] if left_out else COLOURS[used % len(COLOURS)]
+        used += not left_out
+        axis.plot(t[rows], x[rows], color=colour, linewidth=0.8)
+        if part.usable is not None and place == 2:
+            off = np.flatnonzero(~part.usable[:, j])
             off = off[extremes(x[off], _POINTS)] if len(off) else off
             axis.plot(t[off], x[off], ".", color=BAD, markersize=1.5)
+        if left_out:
+            axis.axvspan(t[0], t[-1], color=GRID, zorder=0)
+            top = axis.get_xaxis_transform()
+            axis.text(t[0], 0.97, f" {part.kind}", fontsize=6, va="top", transform=top)
+    axis.margins(x=0.0)
+    axis.set_ylabel(label)
+    axis.set_xlabel("t [s]")
+
+
+def _curve(t: Array, x: Array, label: str, axis: Axes) -> None:
+    """Draws one curve."""
+    rows = extremes(x, _POINTS)
+    axis.plot(t[rows], x[rows], color=COLOURS[0], linewidth=0.8)
     axis.margins(x=0.0)
     axis.set_ylabel(label)
     axis.set_xlabel("t [s]")

@@ -34,6 +34,7 @@ from ...report import (
     gains_of,
 )
 from ...report import Panel as Curves
+from ..logs.recordings import Recordings
 from . import wording
 from .curves import with_curves
 from .result import Identification
@@ -83,6 +84,7 @@ def identification_page(result: Identification, command: str = "") -> Page:
     quality, *determined = _sections(result, figures_of)
     sections = [
         quality,
+        Section("Phases of the log", phases_table(result.recordings)),
         Section(
             f"{'Commands' if arm else 'Forces of the actuators'}, measured and predicted",
             [
@@ -122,6 +124,15 @@ def identification_page(result: Identification, command: str = "") -> Page:
         commands=[command or _command(result)],
         versions={"nsaid-mj": __version__, "Python": platform.python_version()},
     )
+
+
+def phases_table(recordings: Recordings) -> list[PageItem]:
+    """The phases of the logs, and why some take no part in the fit; none if all do."""
+    found = recordings.phases
+    if all(phase.used for phase in found):
+        return []
+    lines: list[list[Cell]] = [list(phase.row) for phase in found]
+    return [Table(("log", "time", "phase", "in the fit"), lines, (0, 2, 3), most=_LINES)]
 
 
 Draw = Callable[[Iterable[AnyPanel]], list[Figure]]

@@ -14,6 +14,7 @@ from ...core import Array, Log, continuous_signs, number
 from . import signals
 from .clocks import regular
 from .layout import ChannelSource, Layout
+from .phases import Event
 from .recordings import LogSegment
 from .signals import Signal
 from .tables import Channel, LogTable
@@ -31,6 +32,7 @@ class Cleaned(NamedTuple):
     source: str  # name of the file, or of the files
     made: Layout  # which channels they are
     signals: dict[str, Signal]  # by the names of their columns
+    events: tuple[Event, ...] = ()  # when it says that it is disarmed or landed
 
     def of(self, source: ChannelSource) -> Signal:
         """The signal of a source."""
@@ -293,3 +295,28 @@ def limits_stated(
     text += f"(in brackets: share of rows used): {each}"
     data = {"limits": limits.tolist(), "share": usable.tolist()}
     return Finding("note", "rest_limits", file, text, data=data)
+
+
+class ShortStretch(NamedTuple):
+    """A stretch of a log that is too short to be used."""
+
+    source: str  # name of the file
+    rows: tuple[int, int]  # its first and last row
+    seconds: float
+
+
+def short_stated(short: Sequence[ShortStretch], used: int, least: float) -> list[Finding]:
+    """The finding about stretches shorter than `least` [s], beside `used` ones; none without any.
+
+    It is a warning if they outnumber those used.
+    """
+    if not short:
+        return []
+    seconds = sum(stretch.seconds for stretch in short)
+    first = [f"{s.source} rows {s.rows[0]}–{s.rows[1]}" for s in short[:SHOWN]]
+    text = f"{len(short)} of {len(short) + used} stretches of the logs, "
+    text += f"{number(seconds, significant=2)} s together, are shorter than {least:g} s and were "
+    text += f"left out ({'; '.join(first)}{' …' if len(short) > SHOWN else ''})"
+    data = {"count": len(short), "used": used, "seconds": seconds}
+    level = "warning" if len(short) > used else "note"
+    return [Finding(level, "short_stretch", "", text, data=data)]

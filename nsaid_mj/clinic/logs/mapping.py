@@ -367,6 +367,19 @@ class Vehicle:
         return (*self.pose, *(self.linear or ()), *(self.angular or ()))
 
 
+Span = Annotated[tuple[Number, ...], Field(min_length=2, max_length=2)]
+
+
+@config
+class Phases:
+    """Which parts of a log take part in the fit."""
+
+    armed: Name | None = None  # column that is 0 while the motors are off
+    landed: Name | None = None  # column that is not 0 while the vehicle stands on the ground
+    leave_out: tuple[Span, ...] = ()  # start and end [s] of further parts
+    detect: Flag = True  # whether parts are also found from the signals
+
+
 @config
 class Map:
     """The meaning and units of columns."""
@@ -385,6 +398,7 @@ class Map:
     actuators: dict[str, ColumnMap] = field(default_factory=dict)
     hold: Flag = False  # whether a command holds from row to row (True) or is interpolated (False)
     drop_rest: Flag = True  # whether rows at rest are left out of the fit
+    phases: Phases = field(default_factory=Phases)  # parts of the log that are left out
     # profile of all joints' targets; None for that of the model file
     profile: Profile | None = None
 

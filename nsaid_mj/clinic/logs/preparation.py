@@ -13,15 +13,18 @@ from .causes import gross_clock
 from .cleaning import (
     Cleaned,
     Rest,
+    ShortStretch,
     about_rows,
     clean,
     cut_rest,
     limits_stated,
     moving_part,
     rows_of,
+    short_stated,
 )
 from .layout import ChannelSource, Layout, layout, pose_velocity, with_angles
 from .mapping import Map
+from .phases import Phase, events_of, phases, phases_stated
 from .recordings import LogSegment, Recordings
 from .tables import LogTable, join, values_of
 from .unusable import UnusableLog
@@ -34,8 +37,12 @@ ENOUGH = 200.0
 """Logs with more rows than this are decimated, too, but not below this rate [Hz]: more rows of a
 robot's motion add little information, and memory and time are proportional to them."""
 
-SHORTEST = 0.5
-"""Shorter stretches between gaps are left out [s]."""
+SHORTEST = 0.25
+"""Shorter stretches are left out [s]: the row filter of a fast motion is as long. All others count
+together."""
+
+LEAST = 0.5
+"""Length of a usable log, of all stretches together [s]."""
 
 _MOST = 0.3  # share of rows at a flat extreme above which it is not saturation
 
@@ -69,33 +76,59 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
         made, said = _without_dead_velocities(made, recordings)
         findings += said
     del tables  # a log may be large, and what was read is not needed besides what was cleaned
-    cleaned = _cleaned(recordings, made, findings)
+    short: list[ShortStretch] = []
+    cleaned = _cleaned(recordings, made, mapping, findings, short)
     if not cleaned:
         raise UnusableLog(tuple(findings))
     if (clock := gross_clock(cleaned, findings)) is not None:
         raise UnusableLog((*findings, clock))
     rate = _rate(cleaned, findings)
-    segments = [s for log in cleaned for s in _segments(log, mapping, robot, rate, findings)]
-    if not segments:
-        text = f"no interval of {SHORTEST} s has all signals"
+    segments: list[LogSegment] = []
+    seen: list[Phase] = []
+    for log in cleaned:
+        own, parts = _segments(log, mapping, robot, rate, findings, short)
+        segments += own
+        seen += parts
+    stated = phases_stated(seen, "note")
+    findings[:0] = stated  # what the rest is said of comes first
+    findings += short_stated(short, len(segments), SHORTEST)
+    if sum(len(segment.log.t) for segment in segments) < LEAST * rate:
+        text = f"no interval of {LEAST} s has all signals"
         remedy = "Record a longer log."
-        if any(finding.code == "rest" for finding in findings):
-            text = f"no joint moves faster than its noise for {SHORTEST} s"
+        if stated:
+            text = f"no interval of {LEAST} s remains"
+            remedy = "Record a motion; `[phases]` in map.toml corrects phases found wrongly."
+        elif any(finding.code == "rest" for finding in findings):
+            text = f"no joint moves faster than its noise for {LEAST} s"
             remedy = "Record a motion; check that the columns of the positions are the right ones."
         findings.append(Finding("refusal", "short_log", "", text, remedy))
         raise UnusableLog(tuple(findings))
-    return Recordings(tuple(segments), rate, made.command_units, tuple(findings), made.vehicle)
+    return Recordings(
+        tuple(segments), rate, made.command_units, tuple(findings), made.vehicle, tuple(seen)
+    )
 
 
-def _cleaned(recordings: list[LogTable], made: Layout, findings: list[Finding]) -> list[Cleaned]:
+def _cleaned(
+    recordings: list[LogTable],
+    made: Layout,
+    mapping: Map,
+    findings: list[Finding],
+    short: list[ShortStretch],
+) -> list[Cleaned]:
     """The recordings with numbers in all channels; empties their list."""
     cleaned = []
     while recordings:
-        log, said = clean(recordings.pop(0), made)
+        table = recordings.pop(0)
+        log, said = clean(table, made)
+        log = log._replace(events=events_of(table.channels, mapping.phases))
         findings += said
         few, signal = min(log.signals.items(), key=lambda item: len(item[1].t))
         if len(signal.t) > 9:
             cleaned.append(log)
+            continue
+        rows = max(len(channel.t) for channel in table.channels.values())
+        if rows <= 9 and (cleaned or recordings):  # an episode among others
+            short.append(ShortStretch(log.source, (1, rows), float(np.ptp(signal.t))))
             continue
         text = (
             f"only {len(signal.t)} rows have a number" if len(signal.t) else "no row has a number"
@@ -139,7 +172,9 @@ def _rate(cleaned: Sequence[Cleaned], findings: list[Finding]) -> float:
     return own / every
 
 
-def _stretches(log: Cleaned, findings: list[Finding]) -> list[tuple[float, float]]:
+def _stretches(
+    log: Cleaned, findings: list[Finding], short: list[ShortStretch]
+) -> list[tuple[float, float]]:
     """Start and end [s] of the stretches between the gaps of all signals."""
     found = log.signals
     source = log.source
@@ -167,33 +202,43 @@ def _stretches(log: Cleaned, findings: list[Finding]) -> list[tuple[float, float
             kept.append((start, end))
         elif end > start:
             rows = rows_of(log.reference, start, end)
-            text = f"{end - start:.2g} s between gaps (rows {rows[0]}–{rows[1]}) are "
-            text += "too short and were left out"
-            data = {"rows": list(rows)}
-            findings.append(Finding("note", "short_stretch", source, text, data=data))
+            short.append(ShortStretch(source, rows, end - start))
     return kept
 
 
 def _segments(
-    log: Cleaned, mapping: Map, robot: RobotModel, rate: float, findings: list[Finding]
-) -> list[LogSegment]:
-    """The segments of a log on the grid."""
+    log: Cleaned,
+    mapping: Map,
+    robot: RobotModel,
+    rate: float,
+    findings: list[Finding],
+    short: list[ShortStretch],
+) -> tuple[list[LogSegment], list[Phase]]:
+    """The segments of a log on the grid, and the phases that they are cut from."""
     made = log.made
     source = log.source
     reference = log.reference
     drop_rest = robot.jointed and mapping.drop_rest
-    saturated = _saturated(log, robot, findings)
     if any(velocity is None for velocity in made.velocities):
         text = f"velocities are derived from positions up to {signals.bandwidth(rate):g} Hz"
         missing = [j for j, v in zip(robot.joints, made.velocities, strict=False) if v is None]
         findings.append(Finding("note", "differentiated", source, text, data={"joints": missing}))
-    logs: list[Log] = []
-    for start, end in _stretches(log, findings):
+    seen: list[Phase] = []
+    for start, end in _stretches(log, findings, short):
         first = reference.t[np.searchsorted(reference.t, start)]
         grid = first + np.arange(int((end - first) * rate + 1e-6) + 1) / rate
-        logs.append(_log(grid, log, mapping.hold, rate))
+        own = _log(grid, log, mapping.hold, rate)
+        seen += phases(own, source, robot, log.events, mapping.phases.detect)
+    logs = []
+    for phase in seen:
+        if phase.used and phase.seconds >= SHORTEST:
+            logs.append(phase.log)
+        elif phase.used:
+            rows = rows_of(reference, *phase.log.t[[0, -1]].tolist())
+            short.append(ShortStretch(source, rows, phase.seconds))
     if not logs:
-        return []
+        return [], seen
+    saturated = _saturated(log, [(own.t[0], own.t[-1]) for own in logs], robot, findings)
     rest = None
     limits = np.zeros(0)
     if drop_rest:
@@ -209,7 +254,9 @@ def _segments(
             moving = rest.speed(own) >= np.maximum(limits, 1e-12)
             usable &= moving
             kept = moving_part(np.any(moving, axis=1), rate)
-            if kept.stop - kept.start < SHORTEST * rate:
+            if 0 < kept.stop - kept.start < SHORTEST * rate:
+                rows = rows_of(reference, *grid[[kept.start, kept.stop - 1]].tolist())
+                short.append(ShortStretch(source, rows, (kept.stop - kept.start) / rate))
                 kept = slice(0, 0)
             findings += cut_rest(log, grid, kept)
         if kept.stop > kept.start:
@@ -217,7 +264,7 @@ def _segments(
             segments.append(LogSegment(own.part(kept.start, kept.stop), usable[kept], source, rows))
     if segments and drop_rest:
         findings.append(limits_stated(source, segments, limits, robot.joints))
-    return segments
+    return segments, seen
 
 
 def _log(grid: Array, log: Cleaned, hold: bool, rate: float) -> Log:
@@ -266,8 +313,16 @@ def _trusted(grid: Array, log: Cleaned, saturated: dict[str, Array], n: int) -> 
     return usable
 
 
-def _saturated(log: Cleaned, robot: RobotModel, findings: list[Finding]) -> dict[str, Array]:
-    """Intervals of time (k, 2) in which a command is at its limit, by column."""
+def _saturated(
+    log: Cleaned,
+    used: Sequence[tuple[float, float]],
+    robot: RobotModel,
+    findings: list[Finding],
+) -> dict[str, Array]:
+    """Intervals of time (k, 2) in which a command is at its limit, by column.
+
+    Motors that are off are not at a limit: `used` are start and end [s] of the phases in use.
+    """
     spans = {}
     made = log.made
     torque = np.eye(len(made.commands)) if made.torque is None else made.torque
@@ -277,16 +332,18 @@ def _saturated(log: Cleaned, robot: RobotModel, findings: list[Finding]) -> dict
             continue
         name = command.column.column
         signal = log.of(command)
-        flat = signals.flat_extremes(signal.x, signal.period)
+        inside = np.any([(signal.t >= a) & (signal.t <= b) for a, b in used], axis=0)
+        flat = inside.copy()
+        flat[inside] = signals.flat_extremes(signal.x[inside], signal.period)
         where = f"{log.source}, {name}"
         how = "a flat extreme"
         size = np.abs(signal.x * torque[j, j] + command.column.offset)
         if diagonal and np.isfinite(limit) and size.max() <= 1.02 * limit:
-            at_limit = size >= 0.999 * limit
+            at_limit = inside & (size >= 0.999 * limit)
             if at_limit.any():
                 flat = flat | at_limit
                 how = f"the model's limit of {limit:g}"
-        share = float(flat.mean())
+        share = float(flat.sum() / max(inside.sum(), 1))
         if share == 0:
             continue
         if share > _MOST:

@@ -10,6 +10,7 @@ from ...base import Finding
 from ...core import Log
 from ...robots import RobotModel
 from .mapping import Vehicle
+from .phases import Phase
 
 
 class LogSegment(NamedTuple):
@@ -36,6 +37,7 @@ class Recordings:
     command_units: tuple[str, ...]
     findings: tuple[Finding, ...] = ()  # how the data were processed, and what was noticed
     vehicle: Vehicle | None = None  # how pose and twist were read; None for joints
+    phases: tuple[Phase, ...] = ()  # of all logs, those left out as well; none if not prepared
 
     def driven(self, robot: RobotModel) -> list[int]:
         """Numbers of the joints with a motor, from 0.

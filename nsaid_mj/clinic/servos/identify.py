@@ -19,7 +19,7 @@ from ..logs.mapping import Map, read_map
 from ..logs.tables import LogTable, read_tables
 from .estimate import estimate
 from .fit import DELAY
-from .logs import ServoLog, ServoLogs, read_servo_logs, servo_map
+from .logs import ServoLog, ServoLogs, read_servo_logs, servo_map, settled
 from .result import (
     ServoIdentification,
     gravity_notes,
@@ -117,7 +117,8 @@ def identify_servos(
     begin = time.perf_counter()
     length = sum(log.t[-1] - log.t[0] for log in given.logs if not log.loaded)
     if length < 10.0:
-        remedy = "Intervals need several motions."
+        short = [f"{f.text}." for f in given.findings if f.code == "short_stretch"]
+        remedy = " ".join([*short, "Intervals need several motions."])
         raise InvalidInput("log", "ten seconds of motion or more", f"{length:.1f} s", remedy)
     report("looking for a profile of the targets")
     given, profile = _with_profile(given)
@@ -184,6 +185,7 @@ def _with_profile(given: ServoLogs) -> tuple[ServoLogs, tuple[Finding, ...]]:
 
 def _masked(logs: Sequence[ServoLog], used: Array) -> tuple[Finding, ...]:
     """Reports the logs that have windows with external forces."""
+    used = np.where(settled(logs) > 0, used, 1.0)
     share = float(1 - used.mean())
     found = []
     begin = 0

@@ -32,7 +32,7 @@ from .fit import (
     undisturbed,
     weights,
 )
-from .logs import ServoLog, ServoLogs, coupled, weighed, without_armature
+from .logs import ServoLog, ServoLogs, coupled, settled, weighed, without_armature
 from .simulation import JointLog
 
 _DELAY = 0.015  # before the log [s]
@@ -78,13 +78,14 @@ def fit_free(logs: list[ServoLog], limits: Array, report: Callable[[str], None])
     where the logs show them.
     """
     report("fitting every servo alone")
-    found = JointFits(logs, [], np.ones(sum(len(log.t) for log in logs)))
+    found = JointFits(logs, [], settled(logs))
     for j in range(len(limits)):
         own = found.simulated(j)
         found.fits.append(minimise(own, *alone(own.logs)))
     used = found.used
     for j, fit in enumerate(found.fits):
-        used = used * undisturbed(found.simulated(j).logs, fit.residual, fit.sigma)
+        counted = found.used * fit.residual
+        used = used * undisturbed(found.simulated(j).logs, counted, fit.sigma)
     report("fitting all servos together, without external forces")
     found = _together(logs, _alike(found._replace(used=used)))
     # model files state limits that the servo does not have, so a limit must lower the residual
@@ -311,8 +312,8 @@ def weigh(given: ServoLogs, fitted: JointFits) -> tuple[OutputError[Arm], Array]
     load = given.load
     logs = [log._replace(limit=fitted.logs[0].limit) for log in given.logs]
     assert load is not None
-    rest = np.ones(sum(len(log.t) for log in logs) - len(fitted.used))
-    used = np.append(fitted.used, rest)
+    used = settled(logs)
+    used[: len(fitted.used)] = fitted.used
     _, centre, known = carrier(given.robot.model, load)
     mean = np.concatenate([f.prior.mean for f in fitted.fits] + [[np.log(load.mass)], centre])
     place = np.full(3, 0.0 if known else _REACH)
@@ -325,7 +326,7 @@ def weigh(given: ServoLogs, fitted: JointFits) -> tuple[OutputError[Arm], Array]
     rest = used
     for j, residual in enumerate(fit.residual.reshape(len(sigma), -1)):
         joint = [log.joint(j) for log in logs]
-        rest = rest * undisturbed(joint, sigma[j] * residual, float(sigma[j]))
+        rest = rest * undisturbed(joint, used * sigma[j] * residual, float(sigma[j]))
     if not np.array_equal(rest, used):
         arm.used = np.tile(rest, len(sigma))
         fit = minimise(arm, fit.x, prior)

@@ -16,11 +16,12 @@ from ...robots import RobotModel, Servos
 from ..identify.loads import Load
 from ..logs import signals
 from ..logs.checks import beyond_limits
-from ..logs.cleaning import clean
+from ..logs.cleaning import ShortStretch, clean, rows_of, short_stated
 from ..logs.formats.run import FOLLOWED
 from ..logs.layout import Layout, layout
 from ..logs.mapping import ColumnMap, Joint, Map
 from ..logs.matching import candidates, lacking_targets, match_targets
+from ..logs.phases import Event, events_of
 from ..logs.tables import LogTable, join
 from ..logs.unusable import UnmatchedChannels, UnusableLog
 from .simulation import STEP, JointLog, move_arm
@@ -30,8 +31,11 @@ DELAYS = np.arange(0.0, 0.31, 0.01)
 TRAVEL = 5e-3
 """Least travel of a joint that moves [rad or m]."""
 _LEADS = 0.8  # error of an early target over that of a late one, below which columns are swapped
+_SETTLES = 0.3  # time in which a joint forgets how a stretch began [s]
+_BEGINS = 0.04  # after the start and again after that, positions tell the first speed [s]
+_MOVES = 0.12  # first speed from which a stretch begins in motion [rad/s or m/s]
 _SPAN = 0.02  # half of that over which speeds are differences of positions [s]
-_SHORTEST = 2.0  # shorter stretches between gaps are left out [s]
+_SHORTEST = 0.5  # shorter stretches are left out [s]: a joint's delay and damping last as long
 
 
 class ServoLog(NamedTuple):
@@ -129,9 +133,10 @@ def read_servo_logs(
 
     Raises:
         InvalidInput: a column or joint of the map does not exist, or it states `p` of some files.
-        UnusableLog: no stretch lasts two seconds, or positions are in another unit.
+        UnusableLog: no stretch lasts half a second, or positions are in another unit.
     """
     mapping = replace(mapping or Map(), joints=columns)
+    short: list[ShortStretch] = []
     made = layout(mapping, robot, tables, targets=True)._replace(velocities=())
     recordings, findings = join(tables, mapping, [s.column.column for s in made.sources])
     logs: list[ServoLog] = []
@@ -144,11 +149,13 @@ def read_servo_logs(
         remedy = "State `p` of every file, or of none."
         raise InvalidInput("map: files", "p of every log", f"none of {missing[0]}", remedy)
     for recording in recordings:
-        stretches, said = _stretches(recording, made, robot.servos)
+        events = events_of(recording.channels, mapping.phases)
+        stretches, said = _stretches(recording, made, robot.servos, events, short)
         loaded = recording.source in carrying
         kp = stated[recording.source] / stated[sources[0]] if stated else 1.0
         logs += [log._replace(loaded=loaded, stiffer=kp) for log in stretches]
         findings += said
+    findings += short_stated(short, len(logs), _SHORTEST)
     if not logs:
         text = f"no stretch of {_SHORTEST:g} s has all targets and positions"
         refusal = Finding("refusal", "short_log", "", text, "Record a longer log.")
@@ -183,9 +190,16 @@ def _motionless(logs: Sequence[ServoLog]) -> tuple[Finding, ...]:
 
 
 def _stretches(
-    recording: LogTable, made: Layout, servos: Servos
+    recording: LogTable,
+    made: Layout,
+    servos: Servos,
+    events: Sequence[Event],
+    short: list[ShortStretch],
 ) -> tuple[list[ServoLog], tuple[Finding, ...]]:
-    """The stretches of a recording between gaps, not yet weighed, at the first position's times."""
+    """The stretches of a recording between gaps, not yet weighed, at the first position's times.
+
+    Those of `events` take no part; `short` is extended by those that are too short.
+    """
     found, findings = clean(recording, made)
     measured = list(map(found.of, made.positions))
     sources = [s for s in made.commands if s]
@@ -193,12 +207,16 @@ def _stretches(
     wanted = list(map(found.of, sources))
     done = np.array([[column.column.startswith(FOLLOWED)] for column in targets])
     every = found.signals.values()
-    if min(len(signal.t) for signal in every) < 10:
-        return [], findings
     t = measured[0].t
+    if min(len(signal.t) for signal in every) < 10:
+        short.append(ShortStretch(recording.source, (1, len(t)), float(np.ptp(t)) if len(t) else 0))
+        return [], findings
     inside = (t >= max(s.t[0] for s in every)) & (t <= min(s.t[-1] for s in measured))
+    for event in events:
+        inside &= (t < event.start) | (t > event.end)
+    rows = np.flatnonzero(inside)
     t = t[inside]
-    cuts = {0, len(t)}
+    cuts = {0, len(t), *(np.flatnonzero(np.diff(rows) > 1) + 1).tolist()}
     for signal in measured:
         cuts |= set(np.searchsorted(t, signals.gaps(signal)[:, 1]).tolist())
     edges = sorted(cuts)
@@ -206,6 +224,9 @@ def _stretches(
     for first, last in itertools.pairwise(edges):
         own = t[first:last]
         if len(own) < 10 or own[-1] - own[0] < _SHORTEST:
+            if len(own):
+                ends = rows_of(measured[0], own[0], own[-1])
+                short.append(ShortStretch(recording.source, ends, float(own[-1] - own[0])))
             continue
         q = np.column_stack([np.interp(own, s.t, s.x) for s in measured])
         u = np.column_stack([signals.resample(s, own, hold=True) for s in wanted])
@@ -259,6 +280,25 @@ def without_armature(model: pin.Model) -> pin.Model:
     found = pin.Model(model)
     found.armature = np.zeros(found.nv)
     return found
+
+
+def settled(logs: Sequence[ServoLog]) -> Array:
+    """(N,) 1, or 0 in the first 0.3 s of the stretches that begin in motion.
+
+    A simulation begins at rest, and does not know the targets before.
+    """
+    found = []
+    for log in logs:
+        own = np.ones(len(log.t))
+        since = log.t - log.t[0]
+        q, later, last = (
+            np.array([np.interp(k * _BEGINS, since, x) for x in log.position.T]) for k in range(3)
+        )
+        speed = np.sign(last - q) * (4 * later - 3 * q - last) / (2 * _BEGINS)  # of a parabola
+        if (speed > _MOVES).any():
+            own[since < _SETTLES] = 0.0
+        found.append(own)
+    return np.concatenate(found)
 
 
 def late(logs: Sequence[JointLog], used: Array, delay: float) -> float:

@@ -35,15 +35,23 @@ OWN = {name: name for name in ("t", "q1", "q2", "dq1", "dq2", "tau1", "tau2")}
 OTHER = {"t": "t", "q1": "a", "q2": "b", "tau1": "c", "tau2": "d"}
 
 
+class Seen(Exception):
+    """What the fit is given has been seen."""
+
+
 def test_a_validation_log_has_its_own_map(tmp_path, monkeypatch):
     given: list[Any] = []
-    monkeypatch.setattr(
-        "nsaid_mj.clinic.identify.calibrate.calibrate", lambda *a, **_: given.extend(a)
-    )
+
+    def seen(*arguments: Any, **_: Any) -> None:
+        given.extend(arguments)
+        raise Seen
+
+    monkeypatch.setattr("nsaid_mj.clinic.identify.calibrate.calibrate", seen)
     log = write(tmp_path / "log.csv", OWN)
     other = write(tmp_path / "other.csv", OTHER, 180 / np.pi)
     (tmp_path / "map.toml").write_text(MAP, encoding="utf-8")
-    identify_forces(two_joints(), log, validate=other, validate_mapping=tmp_path / "map.toml")
+    with pytest.raises(Seen):
+        identify_forces(two_joints(), log, validate=other, validate_mapping=tmp_path / "map.toml")
     (fitted,), (judged,) = given[1].segments, given[2].segments
     np.testing.assert_allclose(judged.log.q, fitted.log.q, atol=1e-6)
 

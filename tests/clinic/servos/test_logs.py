@@ -13,6 +13,7 @@ from nsaid_mj.clinic.logs.mapping import map_of
 from nsaid_mj.clinic.logs.matching import match_targets
 from nsaid_mj.clinic.logs.tables import read_tables
 from nsaid_mj.clinic.servos.identify import identify_servos, servo_logs
+from nsaid_mj.clinic.servos.logs import settled
 from nsaid_mj.robots.assets import asset
 
 from .simulated import JOINTS, MODEL, write
@@ -106,6 +107,41 @@ def test_a_few_seconds_are_refused(motion, tmp_path):
     assert found is not None
     with pytest.raises(InvalidInput, match="ten seconds"):
         identify_servos(found)
+
+
+def test_short_episodes_count_together_and_the_others_are_counted(motion, tmp_path):
+    starts = range(0, len(motion[0]) - 60, 60)
+    files = []
+    for k, first in enumerate(starts):
+        rows = slice(first, first + (8 if k == 3 else 50))  # 0.14 s and 1 s
+        t, u, q = (part[rows] for part in motion)
+        files.append(write(tmp_path / f"episode_{k}.csv", t, u, q))
+    given = servo_logs(MODEL, files)
+    assert given is not None and len(given.logs) == len(files) - 1
+    (finding,) = [f for f in given.findings if f.code == "short_stretch"]
+    assert f"1 of {len(files)} stretches" in finding.text
+    with pytest.raises(InvalidInput, match=f"1 of {len(files)} stretches"):
+        identify_servos(given)
+
+
+def test_what_a_simulation_cannot_know_at_a_stretch_s_start_is_not_counted(motion, tmp_path):
+    t, u, q = motion
+    files = [write(tmp_path / "rest.csv", t, u, q)]
+    files.append(write(tmp_path / "moving.csv", t[25:], u[25:], q[25:]))
+    given = servo_logs(MODEL, files)
+    assert given is not None
+    counted = settled(given.logs)
+    resting, moving = np.split(counted, [len(given.logs[0].t)])
+    assert resting.all()
+    assert not moving[:15].any() and moving[15:].all()  # 0.3 s
+
+
+def test_a_servo_arm_s_map_may_leave_parts_out(motion, tmp_path):
+    file = write(tmp_path / "log.csv", *motion)
+    given = servo_logs(MODEL, [file], map_of({"phases": {"leave_out": [[4.0, 5.0]]}}))
+    assert given is not None
+    first, second = given.logs
+    assert first.t[-1] < 4.0 and second.t[0] > 5.0
 
 
 def test_inspecting_says_that_commands_are_targets(motion, tmp_path):
