@@ -15,6 +15,7 @@ _ABOVE = 4.0  # power, relative to the noise's, from which it counts as motion
 _LOWEST = 3.0  # cut-offs of the rows' filter [Hz]
 _HIGHEST = 20.0
 _SAMPLES = 10  # regressors computed per period of the rows' cut-off
+_FAST = 100.0  # and per second, at least: friction's steps are not band-limited [Hz]
 _MOST_ROWS = 20_000  # of a fit: of an hour, thinned ones determine all that its length can
 
 
@@ -28,7 +29,7 @@ def filter_for(recordings: Recordings, cutoff: float | None = None) -> Filter:
     if cutoff is None:
         cutoff = float(np.clip(3 * _bandwidth(recordings), _LOWEST, _HIGHEST))
     cutoff = min(cutoff, 0.2 * rate)
-    every = max(1, int(rate / (_SAMPLES * cutoff)))
+    every = max(1, int(rate / max(_SAMPLES * cutoff, _FAST)))
     computed = sum(len(segment.log.t) for segment in recordings.segments) / every
     least = max(1, int(np.ceil(computed / _MOST_ROWS)))
     log = _longest(recordings)

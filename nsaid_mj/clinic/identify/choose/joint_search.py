@@ -32,7 +32,7 @@ from ..result import JointStructure, Options, Structured
 from ..smoothing import refined as finer
 from ..smoothing import twice_as_noisy
 from ..unmodelled_effects import arm_suspects
-from .columns import BASIC, FASTENED, SPEEDS, Choice
+from .columns import BASIC, BROAD, FASTENED, SPEEDS, Choice
 from .cutoff import NARROWER, filter_for
 from .held_out import basis_of, held_out_errors, rms, shared_errors, unexplained
 from .options import (
@@ -187,7 +187,7 @@ def choose(
     basic = BASIC if columns is None else columns
     shared = np.zeros(k) if delay is None else delay
     findings = []
-    choice = Choice((basic,) * k, (1,) * k, shared, coupled)
+    choice = Choice((basic,) * k, (BROAD,) * k, shared, coupled)
     if delay is None:
         choice, shared, findings = _with_delays(rows, choice)
     for j in rows.driven:  # a passive joint has no command to predict
