@@ -52,6 +52,7 @@ class JointStructure:
     # s of tanh(v/s) [rad/s or m/s]; NaN where there is no such column
     friction_speed: float = np.nan
     delay: float = 0.0  # delay of the command [s]
+    delay_interval: tuple[float, float] | None = None  # its 95 % interval [s]; None if it was given
 
 
 class Structured(NamedTuple):

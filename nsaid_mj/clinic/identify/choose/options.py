@@ -68,7 +68,7 @@ def improves(before: Array | float, after: Array | float, by: Criterion) -> bool
 REACH = 0.2
 """Delays are searched within ± this [s]."""
 
-JOINT_SPACING = 0.004
+JOINT_SPACING = 0.008
 SPACING = 0.02
 """Spacing of the first trial delays [s]: of joints, and of a vehicle's actuators."""
 
