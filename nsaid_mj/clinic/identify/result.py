@@ -69,6 +69,8 @@ class Structured(NamedTuple):
     delays: Array  # (k,) delays of the commands [s]
     # maps θ̂ (p,) to unmodelled effects against which residuals are tested
     suspects: Callable[[Array], Iterable[Suspect]] = lambda _: ()
+    # problems of structures and filters that predict the log as well as the chosen ones
+    rivals: Iterable[FitProblem] = ()
     # the problem and the suspects with twice the variance of the sensors' noise, for a (p,) θ̂;
     # None where suspects do not depend on the measured motion
     noisier: Callable[[Array], tuple[FitProblem, Iterable[Suspect]]] | None = None

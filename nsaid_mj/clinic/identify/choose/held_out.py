@@ -8,6 +8,7 @@ physical fit of all of them.
 
 import itertools
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -153,6 +154,13 @@ def _shape_columns(rows: JointRows, joint: int) -> tuple[Array, dict[tuple[str |
 
 def joint_columns(rows: JointRows, choice: Choice, joint: int) -> Array:
     """(N, c) all columns of a joint's own row, each over its rms."""
+    X = _columns(rows, choice, joint)
+    size = np.sqrt(np.mean(X**2, axis=0))
+    return X[:, size > 1e-9 * size.max()] / size[size > 1e-9 * size.max()]
+
+
+def _columns(rows: JointRows, choice: Choice, joint: int) -> Array:
+    """(N, c) all columns of a joint's own row."""
     columns = [rows.links[:, joint]]
     columns += [rows.column(name, joint, choice)[:, None] for name in sorted(choice.columns[joint])]
     for i, j, _ in choice.coupled:
@@ -163,9 +171,7 @@ def joint_columns(rows: JointRows, choice: Choice, joint: int) -> Array:
                 rows.diagonal["viscous"][:, other, None],
                 rows.slip(i, j, choice.speed[j])[:, None],
             ]
-    X = np.hstack(columns)
-    size = np.sqrt(np.mean(X**2, axis=0))
-    return X[:, size > 1e-9 * size.max()] / size[size > 1e-9 * size.max()]
+    return np.hstack(columns)
 
 
 def held_out_errors(rows: JointRows, choice: Choice, u: Array, joint: int) -> Array:
@@ -212,3 +218,37 @@ def shared_errors(
         used = (own.counts > 0) & (level > 0)
         found.append(np.exp(0.5 * np.sum(np.log(level[used]))))
     return np.array(found), dict(zip(names, start.tolist(), strict=True))
+
+
+def errors_at_cutoffs(trials: Sequence[JointRows], choice: Choice) -> Array:
+    """(C, 5) held-out errors of fits to the rows of C filters, all of them on the rows of the first.
+
+    They are geometric means over the joints, of the rms over the effort.
+    """
+    judge = trials[0].problem(choice)
+    parts = list(folds(judge, _FOLDS))
+    order = _order(trials[0])
+    found = np.ones((len(trials), _FOLDS))
+    start = None
+    for number, rows in enumerate(trials):
+        problem = rows.problem(choice)
+        whole = gramians(problem)
+        start = minimise(problem, whole, start).theta
+        when = _order(rows)
+        for fold, (rest, own) in enumerate(parts):
+            held = np.zeros_like(problem.usable)
+            for i, at in enumerate((judge.usable & ~rest.usable).T):
+                if at.any():
+                    held[:, i] = (when >= order[at].min()) & (when <= order[at].max())
+            kept = whole - gramians(replace(problem, usable=problem.usable & held))
+            theta = minimise(problem, kept, start).theta if kept.counts.any() else start
+            judged = gramians(own)
+            level = cost_of(judge, judged).levels(theta)
+            used = (judged.counts > 0) & (level > 0)
+            found[number, fold] = np.exp(0.5 * np.mean(np.log(level[used]))) if used.any() else 1.0
+    return found
+
+
+def _order(rows: JointRows) -> Array:
+    """(N,) numbers that increase with segment and time."""
+    return rows.segment * (1 + float(np.ptp(rows.t))) + rows.t - rows.t.min()

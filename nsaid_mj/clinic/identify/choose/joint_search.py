@@ -33,13 +33,23 @@ from ..links import file_links
 from ..problem import FitProblem, mean_squares
 from ..residuals import Suspect
 from ..result import JointStructure, Options, Structured
+from ..smoothing import Filter
 from ..smoothing import refined as finer
 from ..smoothing import twice_as_noisy
 from ..unmodelled_effects import arm_suspects
 from .columns import BASIC, BROAD, FALLS, SPEEDS, Choice
-from .cutoff import NARROWER, filter_for
-from .held_out import SHAPES, Contest, Shape, rms, shapes, shared_errors
+from .cutoff import NARROWER, filter_for, flat_range, trials
+from .held_out import (
+    SHAPES,
+    Contest,
+    Shape,
+    errors_at_cutoffs,
+    rms,
+    shapes,
+    shared_errors,
+)
 from .options import (
+    CERTAIN,
     COLUMN,
     CONSTANTS,
     CURVES,
@@ -56,6 +66,7 @@ _STEPS = 5  # of the correction of delays by the physical fit
 _EXACT = 2e-5  # least change of a delay that is worth another step [s]
 _LONGEST = 0.008  # step [s]
 _BLOCKS = 20  # of the log, over which scores are summed
+_CLOCK = 0.01  # of a sample: no log's clock and interpolation are more exact
 _QUANTILE = 2.09  # half-width of a 95 % interval over a deviation from that many parts
 
 
@@ -75,12 +86,9 @@ def structured_arm(
     report("filtering")
     slow = rate_checks(recordings.rate)
     measured = recordings
-    recordings = finer(recordings)
-    chosen = filter_for(recordings, options.cutoff)
-    unknown = np.ones(len(robot.joints))
-    rows = JointRows(
-        robot, recordings, chosen, unknown, loads=options.loads, coupled=options.coupled
-    )
+    rows, others_at = _filtered(robot, recordings, options)
+    recordings = rows.recordings
+    chosen = rows.chosen
     if robot.weightless:
         rows.robot = robot = weighed_links(rows)
         rows.loading = file_links(robot.model)
@@ -90,7 +98,7 @@ def structured_arm(
     choice = found.choice
     rows.gain = expected_gains(rows, choice)[0]
     problem = rows.problem(choice)
-    others = iter(())
+    others = rivals = iter(())
     faults += fit_checks(rows, choice)
     if not refused(faults):
         faults += reversed_commands(rows, choice, problem)
@@ -99,6 +107,7 @@ def structured_arm(
         found = _finished(rows, found, problem, options)
         choice = found.choice
         others = _alternatives(rows, found)
+        rivals = _rival_problems(rows, found, others_at)
         problem = rows.problem(choice)
     checked = None
     if validation is not None:
@@ -120,11 +129,44 @@ def structured_arm(
         chosen.cutoff,
         choice.delay,
         lambda theta: arm_suspects(rows, choice, problem, theta),
+        rivals,
         noisier,
         coupled=options.coupled,
         columns=columns,
         rotors=rotors,
     )
+
+
+def _filtered(
+    robot: RobotModel, recordings: Recordings, options: Options
+) -> tuple[JointRows, list[Filter]]:
+    """Rows through the filter that is chosen, and other filters that are as plausible."""
+    fine = finer(recordings)
+
+    def rows_at(cutoff: float) -> JointRows:
+        unknown = np.ones(len(robot.joints))
+        more = {"loads": options.loads, "coupled": options.coupled}
+        return JointRows(robot, fine, filter_for(fine, cutoff), unknown, **more)
+
+    if options.cutoff is not None:
+        rows = rows_at(options.cutoff)
+        return rows, [filter_for(fine, NARROWER * rows.chosen.cutoff)]
+    cutoffs = trials(recordings)
+    tried = [rows_at(cutoff) for cutoff in cutoffs]
+    k = len(robot.joints)
+    delay = np.zeros(k) if options.delay is None else options.delay
+    choice = Choice((BASIC | {"quadratic"},) * k, (BROAD,) * k, delay, options.coupled)
+    if options.delay is None:
+        choice = _with_delays(tried[0], choice, free=False)[0]
+    gain, spread, _ = expected_gains(tried[0], choice)
+    for rows in tried:
+        rows.gain = gain
+        rows.spread = spread
+    flat = flat_range(errors_at_cutoffs(tried, choice))
+    # in the lower half of the range: noise grows with a power of the frequency, information does not
+    middle = flat[0] + (len(flat) - 1) // 3
+    ends = dict.fromkeys((flat[0], flat[-1]))
+    return tried[middle], [tried[k].chosen for k in ends if k != middle]
 
 
 def _chosen(robot: RobotModel, found: Chosen) -> tuple[JointStructure, ...]:
@@ -183,11 +225,11 @@ def _with_constants_of(choice: Choice, other: Choice) -> Choice:
 
 
 def _alternatives(rows: JointRows, found: Chosen) -> Iterator[FitProblem]:
-    """Other plausible problems: later commands, friction next to the chosen one, other filters."""
+    """Other plausible problems: later commands, and friction next to the chosen one."""
     choice = found.choice
     if found.delays is not None:
         yield rows.problem(replace(choice, delay=choice.delay + found.delays.deviation))
-    for other in (*neighbours(choice), *found.rivals):
+    for other in neighbours(choice):
         yield rows.problem(other)
     if (rows.spread[rows.driven] == NOMINAL).any():  # masses may contradict the file's gains
         own = rows.problem(choice)
@@ -195,8 +237,15 @@ def _alternatives(rows: JointRows, found: Chosen) -> Iterator[FitProblem]:
         spread = own.spread.copy()
         spread[at] = np.where(spread[at] == NOMINAL, GUESSED, spread[at])
         yield replace(own, spread=spread)
-    narrow = filter_for(rows.recordings, NARROWER * rows.chosen.cutoff)
-    yield rows.like(rows.recordings, narrow).problem(choice)
+
+
+def _rival_problems(
+    rows: JointRows, found: Chosen, filters: Sequence[Filter]
+) -> Iterator[FitProblem]:
+    """Problems that predict the log as well: with other friction, through other filters."""
+    yield from map(rows.problem, found.rivals)
+    for other in filters:
+        yield rows.like(rows.recordings, other).problem(found.choice)
 
 
 def neighbours(choice: Choice) -> Iterator[Choice]:
@@ -222,7 +271,7 @@ class Chosen(NamedTuple):
 
     choice: Choice
     findings: list[Finding]
-    rivals: list[Choice] = []  # whose friction predicts nearly as well
+    rivals: Sequence[Choice] = ()  # whose friction predicts nearly as well
     delays: Delays | None = None  # how exact they are; None where they were given
 
 
@@ -256,27 +305,27 @@ def with_friction(
 ) -> Chosen:
     """The choice with the best friction at its delays; with its own columns unless `free`."""
     said = list(findings)
-    rivals: list[Choice] = []
+    found: dict[int, list[Shape]] = {}
     u = rows.commands(choice.delay)
-    others: list[tuple[int, Shape]] = []
     for j in rows.driven:  # a passive joint has no command to predict
         own = choice.columns[j]
         tried = _candidates(rows, choice, j, free)
         errors = Contest(rows, choice, j, u[:, [j]]).errors(tried)[:, 0]
-        best, rival = _simplest(tried, errors)
+        best = _simplest(tried, errors)
         if best is None:
             continue
         shape = tried[best]
         used = (own - set(SHAPES)) | shape.names
         choice = choice.with_joint(j, used, shape.speed, shape.fall)
-        if rival is not None:
-            others.append((j, tried[rival]))
+        found[j] = _rivals(tried, errors, best) if free else []
         said.append(_friction_in_words(rows, j, used, shape, errors[[0, best]], len(tried)))
-    if others:
+    rivals = []
+    for number in range(max(map(len, found.values()), default=0)):
         other = choice
-        for j, shape in others:
-            used = (choice.columns[j] - set(SHAPES)) | shape.names
-            other = other.with_joint(j, used, shape.speed, shape.fall)
+        for j, own in found.items():
+            if number < len(own):
+                used = (choice.columns[j] - set(SHAPES)) | own[number].names
+                other = other.with_joint(j, used, own[number].speed, own[number].fall)
         rivals.append(other)
     return Chosen(choice, said, rivals)
 
@@ -300,22 +349,43 @@ def _candidates(rows: JointRows, choice: Choice, joint: int, free: bool) -> list
     return found
 
 
-def _simplest(tried: Sequence[Shape], errors: Array) -> tuple[int | None, int | None]:
-    """Index of the simplest shape that no other clearly improves on, and of its best rival.
+def _simplest(tried: Sequence[Shape], errors: Array) -> int | None:
+    """Index of the simplest shape that no other clearly improves on; None if none is judged.
 
-    A rival has other columns and is not clearly worse; None if there is none. errors (S, 5).
+    errors (S, 5) are held out.
     """
     level = np.log(errors).mean(axis=1)
     if not np.isfinite(level).any():
-        return None, None
+        return None
+    least = int(np.argmin(level))
+    near = [
+        k for k in _best_of_each(tried, level) if not improves(errors[k], errors[least], COLUMN)
+    ]
+    return min(near, key=lambda k: (len(tried[k].names), level[k]))
+
+
+def _rivals(tried: Sequence[Shape], errors: Array, chosen: int) -> list[Shape]:
+    """The best shapes without one of the chosen one's columns, unless it certainly needs it.
+
+    What a rival lacks is not told by the log: one law of friction stands for another.
+    """
+    level = np.log(errors).mean(axis=1)
+    best = _best_of_each(tried, level)
+    found: list[Shape] = []
+    for name in sorted(tried[chosen].names - BASIC):
+        without = [k for k in best if name not in tried[k].names]
+        rival = min(without, key=lambda k: level[k])
+        if not improves(errors[rival], errors[chosen], CERTAIN) and tried[rival] not in found:
+            found.append(tried[rival])
+    return found
+
+
+def _best_of_each(tried: Sequence[Shape], level: Array) -> list[int]:
+    """Indices of the best shapes of each set of columns, by mean logarithms of errors (S,)."""
     best: dict[frozenset[str], int] = {}
     for k in np.argsort(level, kind="stable").tolist():
         best.setdefault(tried[k].names, k)
-    least = int(np.argmin(level))
-    near = [k for k in best.values() if not improves(errors[k], errors[least], COLUMN)]
-    near.sort(key=lambda k: (len(tried[k].names), level[k]))
-    others = sorted(near[1:], key=lambda k: level[k])
-    return near[0], others[0] if others else None
+    return [k for k in best.values() if np.isfinite(level[k])]
 
 
 def _friction_in_words(
@@ -354,8 +424,8 @@ def _with_delays(rows: JointRows, choice: Choice, free: bool) -> tuple[Choice, l
     fine = np.arange(-JOINT_SPACING, JOINT_SPACING + 1e-9, _FINE)
     errors = _errors_at(rows, choice, grid[best] + fine, free)
     at = int(np.clip(np.argmin(common(errors)), 1, len(fine) - 2))
-    square = np.mean(errors**2, axis=2)
-    level = counts[judged] @ (square / square.min(axis=1, keepdims=True))[judged]
+    square = np.mean(errors[judged] ** 2, axis=2)
+    level = counts[judged] @ (square / square.min(axis=1, keepdims=True))
     shared = grid[best] + fine[at] + _FINE * _vertex(level[at - 1 : at + 2])
     delays = np.full(len(choice.delay), shared)
     for row, j in enumerate(rows.driven):
@@ -552,7 +622,8 @@ def _delay_step(
     blocks = blocks - blocks.mean(axis=0)
     spread = blocks.T @ blocks * len(starts) / max(len(starts) - 1, 1)
     variance = np.diag(inverse @ spread @ inverse)
-    return step, np.sqrt(np.maximum(variance, np.diag(inverse)))
+    least = _CLOCK / rows.recordings.rate
+    return step, np.hypot(np.sqrt(np.maximum(variance, np.diag(inverse))), least)
 
 
 def _ms(delay: float) -> str:
