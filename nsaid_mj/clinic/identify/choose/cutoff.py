@@ -55,11 +55,14 @@ def filter_for(recordings: Recordings, cutoff: float | None = None) -> Filter:
 
 
 def trials(recordings: Recordings) -> list[float]:
-    """Cut-offs that are compared [Hz], the lowest first."""
-    lowest = float(np.clip(_OVER * _bandwidth(recordings, _MOST), 2.0, _HIGHEST / _FACTOR**2))
-    count = int(np.log(_HIGHEST / lowest) / np.log(_FACTOR) + 1e-9) + 1
-    found = lowest * _FACTOR ** np.arange(count)
-    return found[found <= 0.2 * recordings.rate].tolist() or [0.2 * recordings.rate]
+    """Cut-offs that are compared [Hz], the lowest first; the last but one is that of `filter_for`.
+
+    The lowest passes what moves.
+    """
+    usual = filter_for(recordings).cutoff
+    lowest = max(2.0, _OVER * _bandwidth(recordings, _MOST))
+    lower = int(np.log(max(usual / lowest, 1.0)) / np.log(_FACTOR) + 1e-9)
+    return (usual * _FACTOR ** np.arange(-lower, 2)).tolist()
 
 
 def flat_range(errors: Array) -> Sequence[int]:
@@ -80,6 +83,14 @@ def flat_range(errors: Array) -> Sequence[int]:
     while last < len(level) - 1 and alike[last + 1]:
         last += 1
     return range(first, last + 1)
+
+
+def middle_of(flat: Sequence[int], usual: int) -> int:
+    """The usual cut-off if it is in the range, else one in its lower half.
+
+    Noise grows with a power of the cut-off, information does not.
+    """
+    return usual if usual in flat else flat[0] + (len(flat) - 1) // 3
 
 
 def _longest(recordings: Recordings) -> Log:

@@ -38,7 +38,7 @@ from ..smoothing import refined as finer
 from ..smoothing import twice_as_noisy
 from ..unmodelled_effects import arm_suspects
 from .columns import BASIC, BROAD, FALLS, SPEEDS, Choice
-from .cutoff import NARROWER, filter_for, flat_range, trials
+from .cutoff import NARROWER, filter_for, flat_range, middle_of, trials
 from .held_out import (
     SHAPES,
     Contest,
@@ -163,8 +163,7 @@ def _filtered(
         rows.gain = gain
         rows.spread = spread
     flat = flat_range(errors_at_cutoffs(tried, choice))
-    # in the lower half of the range: noise grows with a power of the frequency, information does not
-    middle = flat[0] + (len(flat) - 1) // 3
+    middle = middle_of(flat, len(tried) - 2)
     ends = dict.fromkeys((flat[0], flat[-1]))
     return tried[middle], [tried[k].chosen for k in ends if k != middle]
 
@@ -311,7 +310,7 @@ def with_friction(
         own = choice.columns[j]
         tried = _candidates(rows, choice, j, free)
         errors = Contest(rows, choice, j, u[:, [j]]).errors(tried)[:, 0]
-        best = _simplest(tried, errors)
+        best = _simplest(tried, errors, free)
         if best is None:
             continue
         shape = tried[best]
@@ -349,10 +348,12 @@ def _candidates(rows: JointRows, choice: Choice, joint: int, free: bool) -> list
     return found
 
 
-def _simplest(tried: Sequence[Shape], errors: Array) -> int | None:
+def _simplest(tried: Sequence[Shape], errors: Array, free: bool) -> int | None:
     """Index of the simplest shape that no other clearly improves on; None if none is judged.
 
-    errors (S, 5) are held out.
+    Its dry friction has the usual speed unless another has errors lower by a percent, or is clearly
+    better where columns are not `free`: a wide tanh would stand for a column that was not asked
+    for. errors (S, 5) are held out.
     """
     level = np.log(errors).mean(axis=1)
     if not np.isfinite(level).any():
@@ -361,7 +362,11 @@ def _simplest(tried: Sequence[Shape], errors: Array) -> int | None:
     near = [
         k for k in _best_of_each(tried, level) if not improves(errors[k], errors[least], COLUMN)
     ]
-    return min(near, key=lambda k: (len(tried[k].names), level[k]))
+    best = min(near, key=lambda k: (len(tried[k].names), level[k]))
+    alike = [k for k, s in enumerate(tried) if s.names == tried[best].names and s.speed == BROAD]
+    usual = min(alike, key=lambda k: level[k], default=best)
+    lower = level[best] < level[usual] - COLUMN.worth
+    return best if lower and (free or improves(errors[usual], errors[best], COLUMN)) else usual
 
 
 def _rivals(tried: Sequence[Shape], errors: Array, chosen: int) -> list[Shape]:
