@@ -86,11 +86,12 @@ def flat_range(errors: Array) -> Sequence[int]:
 
 
 def middle_of(flat: Sequence[int], usual: int) -> int:
-    """The usual cut-off if it is in the range, else one in its lower half.
+    """The usual cut-off unless all of the range lies below it; then one in the range's lower half.
 
-    Noise grows with a power of the cut-off, information does not.
+    Noise grows with a power of the cut-off, information does not, and the motion has none above the
+    usual one.
     """
-    return usual if usual in flat else flat[0] + (len(flat) - 1) // 3
+    return usual if flat[-1] >= usual else flat[0] + (len(flat) - 1) // 3
 
 
 def _longest(recordings: Recordings) -> Log:

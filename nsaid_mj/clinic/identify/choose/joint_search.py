@@ -93,13 +93,14 @@ def structured_arm(
         rows.robot = robot = weighed_links(rows)
         rows.loading = file_links(robot.model)
     rows.gain, rows.spread, faults = expected_gains(rows)
+    k = len(robot.joints)
     report("choosing columns and delays")
     found = choose(rows, options.coupled, options.delay, options.columns)
     choice = found.choice
     rows.gain = expected_gains(rows, choice)[0]
     problem = rows.problem(choice)
     others = rivals = iter(())
-    faults += fit_checks(rows, choice)
+    faults += fit_checks(rows, replace(choice, delay=np.full(k, np.median(choice.delay))))
     if not refused(faults):
         faults += reversed_commands(rows, choice, problem)
     if not refused(faults):
@@ -436,7 +437,9 @@ def _with_delays(rows: JointRows, choice: Choice, free: bool) -> tuple[Choice, l
     for row, j in enumerate(rows.driven):
         if not judged[row]:
             continue
-        own = int(np.argmin(np.log(coarse[row]).mean(axis=1)))
+        # one clock stamps all joints: none of them has its command after it acted
+        level = np.log(coarse[row]).mean(axis=1)
+        own = int(np.argmin(np.where(grid < min(grid[best], 0.0) - 1e-9, np.inf, level)))
         if abs(own - best) < 2:
             continue
         insists = improves(errors[row, at], coarse[row, own], OWN_DELAY)
