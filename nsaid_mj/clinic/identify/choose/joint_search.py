@@ -195,9 +195,12 @@ def _finished(rows: JointRows, found: Chosen, problem: FitProblem, options: Opti
     notes = found.findings
     delays = None
     free = options.columns is None
+    searched = options.delay is None and not any(
+        f.code == "delay_at_edge" and not f.where for f in notes
+    )
     if any("load" in columns for columns in choice.columns):
         rows.reweigh(minimise(problem).theta[: rows.links.shape[2]])
-    if options.delay is None:
+    if searched:
         choice, delays = with_exact_delays(rows, choice)
         at_edge = [f for f in notes if f.code == "delay_at_edge"]
         found = with_friction(rows, choice, free, at_edge)
@@ -208,7 +211,7 @@ def _finished(rows: JointRows, found: Chosen, problem: FitProblem, options: Opti
     if free:
         choice, said = with_constants(rows, choice, options.level)
         notes = [*notes, *said]
-    if options.delay is None:
+    if searched:
         choice, delays = with_exact_delays(rows, choice)
         choice, said = causal(rows, choice, delays)
         notes = [*notes, *said]
