@@ -37,6 +37,7 @@ from ..smoothing import Filter
 from ..smoothing import refined as finer
 from ..smoothing import twice_as_noisy
 from ..unmodelled_effects import arm_suspects
+from .clocks import at_edge, clock_offset
 from .columns import BASIC, BROAD, FALLS, SPEEDS, Choice
 from .cutoff import NARROWER, filter_for, flat_range, middle_of, trials
 from .held_out import (
@@ -61,6 +62,8 @@ from .options import (
     improves,
 )
 
+_POOR = 0.3  # held-out error above which clocks may be farther apart than a delay
+_UNTIMED = ("delay_at_edge", "clock_offset")  # findings where no delay is used
 _LOADED = 0.15  # share of weight in a joint's force that a load column needs
 _STEPS = 5  # of the correction of delays by the physical fit
 _EXACT = 2e-5  # least change of a delay that is worth another step [s]
@@ -100,8 +103,9 @@ def structured_arm(
     rows.gain = expected_gains(rows, choice)[0]
     problem = rows.problem(choice)
     others = rivals = iter(())
+    apart = any(f.code == "clock_offset" for f in found.findings)
     faults += fit_checks(rows, replace(choice, delay=np.full(k, np.median(choice.delay))))
-    if not refused(faults):
+    if not refused(faults) and not apart:  # it would pass for signs
         faults += reversed_commands(rows, choice, problem)
     if not refused(faults):
         report("fitting delays")
@@ -196,14 +200,14 @@ def _finished(rows: JointRows, found: Chosen, problem: FitProblem, options: Opti
     delays = None
     free = options.columns is None
     searched = options.delay is None and not any(
-        f.code == "delay_at_edge" and not f.where for f in notes
+        f.code in _UNTIMED and not f.where for f in notes
     )
     if any("load" in columns for columns in choice.columns):
         rows.reweigh(minimise(problem).theta[: rows.links.shape[2]])
     if searched:
         choice, delays = with_exact_delays(rows, choice)
-        at_edge = [f for f in notes if f.code == "delay_at_edge"]
-        found = with_friction(rows, choice, free, at_edge)
+        edges = [f for f in notes if f.code in _UNTIMED]
+        found = with_friction(rows, choice, free, edges)
         choice = found.choice
         notes = found.findings
     if len(rows.driven) < len(rows.robot.joints):
@@ -428,8 +432,13 @@ def _with_delays(rows: JointRows, choice: Choice, free: bool) -> tuple[Choice, l
 
     best = int(np.argmin(common(coarse)))
     findings = []
-    if best in (0, len(grid) - 1):
-        return choice, [_at_edge(grid[best], "")]
+    edge = best in (0, len(grid) - 1)
+    if edge or common(coarse)[best] > np.log(_POOR) * counts[judged].sum():
+        needed = rows.links @ rows.loading
+        acting = rows.commands(np.zeros(len(choice.delay))) * rows.gain
+        offset = clock_offset(needed, acting, rows.t, rows.segment)
+        if edge or offset is not None:
+            return choice, [at_edge(grid[best], offset=offset)]
     fine = np.arange(-JOINT_SPACING, JOINT_SPACING + 1e-9, _FINE)
     errors = _errors_at(rows, choice, grid[best] + fine, free)
     at = int(np.clip(np.argmin(common(errors)), 1, len(fine) - 2))
@@ -447,7 +456,7 @@ def _with_delays(rows: JointRows, choice: Choice, free: bool) -> tuple[Choice, l
             continue
         insists = improves(errors[row, at], coarse[row, own], OWN_DELAY)
         if insists and own in (0, len(grid) - 1):
-            findings.append(_at_edge(grid[own], rows.robot.joints[j]))
+            findings.append(at_edge(grid[own], rows.robot.joints[j]))
         elif insists:
             near = np.mean(coarse[row, own - 1 : own + 2] ** 2, axis=1)
             delays[j] = grid[own] + JOINT_SPACING * _vertex(near)
@@ -469,15 +478,6 @@ def _errors_at(rows: JointRows, choice: Choice, grid: Array, free: bool) -> Arra
     if not found:
         return np.full((0, len(grid), 1), np.inf)
     return np.stack([np.broadcast_to(one, (len(grid), one.shape[1])) for one in found])
-
-
-def _at_edge(delay: float, where: str) -> Finding:
-    text = (
-        f"no delay of the command is identified: errors still fall at the edge of the search, "
-        f"{delay * 1e3:+.0f} ms; none was used"
-    )
-    remedy = "Align the clocks of commands and positions in the map (`offset` of a file)."
-    return Finding("warning", "delay_at_edge", where, text, remedy)
 
 
 def with_constants(

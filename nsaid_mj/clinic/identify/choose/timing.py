@@ -12,6 +12,7 @@ import scipy
 from ....base import Finding
 from ....core import Array
 from ....lab import INTERVAL
+from .clocks import at_edge
 from .options import DELAY, LAG, MIX, NUMBER, improves
 
 _FINE = 0.0005  # of the best delay [s]
@@ -61,6 +62,7 @@ def search(
     names: Sequence[str],
     free: Sequence[int],
     report: Callable[[str], None],
+    offset: Callable[[], float | None] = lambda: None,
 ) -> Timed:
     """The timing that minimises a cost, and equally plausible ones.
 
@@ -70,7 +72,7 @@ def search(
 
     `names` are those of the actuators. `free` are the numbers of a timing that may change, see
     `_timing_of`: 0, the delay, 1, the lag, where some commands are not measured speeds, and 2, the
-    curve, where they are of rotors.
+    curve, where they are of rotors. `offset` searches for clocks that are farther apart [s].
     """
     report("searching for delays")
     grid = np.array(DELAY.values)
@@ -106,7 +108,7 @@ def search(
         timing = Timing()
         found = np.array([0.0, 0.0, 1.0])
     if edge and timing == Timing():
-        notes.append(_at_edge(grid[at]))
+        notes.append(at_edge(grid[at], offset=offset()))
         return Timed(timing, _plausible(along, found, free, earliest)[0], notes)
     others, deviation = _plausible(along, found, free, earliest)
     delay = float(timing.delay)  # type: ignore[arg-type]  # of a search, that of all actuators
@@ -125,15 +127,6 @@ def search(
         notes.append(Finding("note", "delay", "", text, data=dict.fromkeys(names, delay)))
     drive = _drive_notes(timing, INTERVAL * deviation[1], 2 in free)
     return Timed(timing, others, [*notes, *drive], ends)
-
-
-def _at_edge(delay: float) -> Finding:
-    text = (
-        "no delay of the commands is identified: the cost still falls at the edge of the search, "
-        f"{delay * 1e3:+.0f} ms; none was used"
-    )
-    remedy = "Align the clocks of commands and positions in the map."
-    return Finding("warning", "delay_at_edge", "", text, remedy)
 
 
 def _timing_of(x: Array, earliest: float = 0.0) -> Timing | None:

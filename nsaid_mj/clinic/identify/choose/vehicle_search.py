@@ -18,6 +18,7 @@ from ..residuals import Suspect
 from ..result import JointStructure, Options, Structured
 from ..unmodelled_effects import command_suspects
 from ..vehicles import VehicleRows
+from .clocks import clock_offset
 from .columns import EXTRA
 from .cutoff import NARROWER, filter_for
 from .options import CUTOFF, FURTHER_COLUMNS, improves
@@ -134,7 +135,15 @@ def _timing(
         return Timed(Timing(delay), [], [])
     cost = _cost(rows, columns, Timing())
     free = [0, *([1] if rows.rotors or rows.others else []), *([2] if rows.rotors else [])]
-    return search(lambda x: cost(columns, x), rows.robot.joints, free, report)
+
+
+    def offset() -> float | None:
+        problem = rows.problem(columns, Timing())
+        acting = problem.actuation(problem.prior)
+        needed = acting - problem.residual(problem.prior)
+        return clock_offset(needed, acting, rows.t, rows.segment)
+
+    return search(lambda x: cost(columns, x), rows.robot.joints, free, report, offset)
 
 
 def _with_cutoff(rows: VehicleRows, share: float) -> VehicleRows:
