@@ -13,12 +13,13 @@ from ....base import Finding
 from ....core import Array
 from ....lab import INTERVAL
 from .clocks import at_edge
-from .options import DELAY, LAG, MIX, NUMBER, improves
+from .options import DELAY, LAG, MIX, NUMBER, REACH, improves
 
 _FINE = 0.0005  # of the best delay [s]
 _STEPS = (0.0005, 0.001, 0.01)  # first changes of delay, lag and mix by which a cost rises
 _DOUBLINGS = 6  # of a change, at most
 _RISE = 2.0  # of the cost, at two standard deviations, which count as one: residuals are correlated
+_CLOCK = 0.02  # of a sample: no log's clock and interpolation are more exact
 _SLOWEST = 1.0  # lag of an actuator [s]
 
 
@@ -62,6 +63,7 @@ def search(
     names: Sequence[str],
     free: Sequence[int],
     report: Callable[[str], None],
+    period: float,
     offset: Callable[[], float | None] = lambda: None,
 ) -> Timed:
     """The timing that minimises a cost, and equally plausible ones.
@@ -72,7 +74,8 @@ def search(
 
     `names` are those of the actuators. `free` are the numbers of a timing that may change, see
     `_timing_of`: 0, the delay, 1, the lag, where some commands are not measured speeds, and 2, the
-    curve, where they are of rotors. `offset` searches for clocks that are farther apart [s].
+    curve, where they are of rotors. `period` is that of the log [s], `offset` searches for
+    clocks that are farther apart [s].
     """
     report("searching for delays")
     grid = np.array(DELAY.values)
@@ -112,19 +115,21 @@ def search(
         return Timed(timing, _plausible(along, found, free, earliest)[0], notes)
     others, deviation = _plausible(along, found, free, earliest)
     delay = float(timing.delay)  # type: ignore[arg-type]  # of a search, that of all actuators
-    ends = (delay - INTERVAL * deviation[0], delay + INTERVAL * deviation[0])
+    half = INTERVAL * float(np.hypot(deviation[0], _CLOCK * period))
+    ends = (delay - half, delay + half)
     between = f"(95 %: {1e3 * max(ends[0], earliest):.3g} to {1e3 * ends[1]:.3g} ms)"
-    if delay < 0:
+    data = dict.fromkeys(names, delay)
+    text = f"commands act {1e3 * delay:.1f} ms after they were recorded {between}"
+    if earliest <= delay < 0 or delay > REACH:
+        when = "before" if delay < 0 else "after"
         text = (
-            f"commands were recorded {-1e3 * delay:.3g} ms after they acted {between}; no delay is "
-            "negative, so that it is an offset between the clocks of commands and motion"
+            f"commands act {abs(1e3 * delay):.3g} ms {when} they were recorded {between}, which is "
+            "no delay but an offset between the clocks of commands and motion; it was used"
         )
-        remedy = "Shift the times of the commands by it, such as with `offset` of their file."
-        data = dict.fromkeys(names, delay)
+        remedy = f"Set `offset = {delay:.4g}` for the file of the commands in the map."
         notes.append(Finding("warning", "clock_offset", "", text, remedy, data))
     elif delay > 0:
-        text = f"commands act {1e3 * delay:.1f} ms after they were recorded {between}"
-        notes.append(Finding("note", "delay", "", text, data=dict.fromkeys(names, delay)))
+        notes.append(Finding("note", "delay", "", text, data=data))
     drive = _drive_notes(timing, INTERVAL * deviation[1], 2 in free)
     return Timed(timing, others, [*notes, *drive], ends)
 

@@ -143,7 +143,8 @@ def _timing(
         needed = acting - problem.residual(problem.prior)
         return clock_offset(needed, acting, rows.t, rows.segment)
 
-    return search(lambda x: cost(columns, x), rows.robot.joints, free, report, offset)
+    period = 1 / rows.recordings.rate
+    return search(lambda x: cost(columns, x), rows.robot.joints, free, report, period, offset)
 
 
 def _with_cutoff(rows: VehicleRows, share: float) -> VehicleRows:
