@@ -109,10 +109,11 @@ def structured_arm(
         faults += reversed_commands(rows, choice, problem)
     if not refused(faults):
         report("fitting delays")
-        found = _finished(rows, found, problem, options)
+        beside = [rows.like(recordings, other) for other in others_at]
+        found = _finished(rows, found, problem, options, beside)
         choice = found.choice
         others = _alternatives(rows, found)
-        rivals = _rival_problems(rows, found, others_at)
+        rivals = _rival_problems(rows, found, beside)
         problem = rows.problem(choice)
     checked = None
     if validation is not None:
@@ -190,10 +191,16 @@ def _chosen(robot: RobotModel, found: Chosen) -> tuple[JointStructure, ...]:
     )
 
 
-def _finished(rows: JointRows, found: Chosen, problem: FitProblem, options: Options) -> Chosen:
+def _finished(
+    rows: JointRows,
+    found: Chosen,
+    problem: FitProblem,
+    options: Options,
+    beside: Sequence[JointRows],
+) -> Chosen:
     """The choice completed by fits of the whole structure.
 
-    `problem` is that of the choice so far.
+    `problem` is that of the choice so far; `beside` are rows through other filters.
     """
     choice = found.choice
     notes = found.findings
@@ -217,6 +224,8 @@ def _finished(rows: JointRows, found: Chosen, problem: FitProblem, options: Opti
         notes = [*notes, *said]
     if searched:
         choice, delays = with_exact_delays(rows, choice)
+        apart = [with_exact_delays(other, choice)[0].delay - choice.delay for other in beside]
+        delays = Delays(np.linalg.norm([delays.deviation, *apart], axis=0))
         choice, said = causal(rows, choice, delays)
         notes = [*notes, *said]
     rivals = [_with_constants_of(choice, other) for other in found.rivals]
@@ -247,12 +256,12 @@ def _alternatives(rows: JointRows, found: Chosen) -> Iterator[FitProblem]:
 
 
 def _rival_problems(
-    rows: JointRows, found: Chosen, filters: Sequence[Filter]
+    rows: JointRows, found: Chosen, beside: Sequence[JointRows]
 ) -> Iterator[FitProblem]:
     """Problems that predict the log as well: with other friction, through other filters."""
     yield from map(rows.problem, found.rivals)
-    for other in filters:
-        yield rows.like(rows.recordings, other).problem(found.choice)
+    for other in beside:
+        yield other.problem(found.choice)
 
 
 def neighbours(choice: Choice) -> Iterator[Choice]:
@@ -531,9 +540,10 @@ class Delays(NamedTuple):
     deviation: Array  # (k,) standard deviations [s]; joints with one delay share it
 
     def ends(self, delay: Array) -> list[tuple[float, float]]:
-        """The 95 % interval of every delay (k,) [s]."""
+        """The 95 % interval of every delay (k,) [s]; of one that is not negative it is causal."""
         half = _QUANTILE * self.deviation
-        return list(zip((delay - half).tolist(), (delay + half).tolist(), strict=True))
+        low = np.where(delay >= 0, np.maximum(delay - half, 0.0), delay - half)
+        return list(zip(low.tolist(), (delay + half).tolist(), strict=True))
 
 
 def with_exact_delays(rows: JointRows, choice: Choice) -> tuple[Choice, Delays]:
@@ -570,19 +580,19 @@ def causal(rows: JointRows, choice: Choice, delays: Delays) -> tuple[Choice, lis
     found = []
     early = delay < 0
     data = dict(zip(rows.robot.joints, delay.tolist(), strict=True))
-    ends = f"95 %: {1e3 * low[0]:.2g} to {1e3 * high[0]:.2g}"
+    ends = f"95 %: {_ms(low[0])} to {_ms(high[0])}"
     alike = np.ptp(delay) < 1e-9
     if early.any():
         who = "all commands" if early.all() else "commands"
         size = f"{-1e3 * delay[early].min():.3g} ms"
         text = (
-            f"{who} were recorded {size} after they acted; no delay is negative, so that it is an "
-            "offset between the clocks of commands and positions, or a filter of the measured "
-            "commands"
+            f"{who} act {size} before they were recorded ({ends}), which is no delay but an offset "
+            "between the clocks of commands and positions, or a filter of measured commands; it "
+            "was used"
         )
         remedy = (
-            "Shift the times of the file of the commands by it (`offset` in the map), or record "
-            "unfiltered commands."
+            f"Set `offset = {delay[early].min():.4g}` for the file of the commands in the map, or "
+            "record commands that no filter delays."
         )
         where = "" if early.all() else ", ".join(np.array(rows.robot.joints)[early].tolist())
         found.append(Finding("warning", "clock_offset", where, text, remedy, dict(data)))

@@ -116,8 +116,8 @@ def search(
     others, deviation = _plausible(along, found, free, earliest)
     delay = float(timing.delay)  # type: ignore[arg-type]  # of a search, that of all actuators
     half = INTERVAL * float(np.hypot(deviation[0], _CLOCK * period))
-    ends = (delay - half, delay + half)
-    between = f"(95 %: {1e3 * max(ends[0], earliest):.3g} to {1e3 * ends[1]:.3g} ms)"
+    ends = (max(delay - half, 0.0) if delay >= 0 else delay - half, delay + half)
+    between = f"(95 %: {1e3 * ends[0]:.3g} to {1e3 * ends[1]:.3g} ms)"
     data = dict.fromkeys(names, delay)
     text = f"commands act {1e3 * delay:.1f} ms after they were recorded {between}"
     if earliest <= delay < 0 or delay > REACH:
