@@ -333,7 +333,7 @@ class JointRows(Rows):
 
 
 def _places(columns: Sequence[Column], rotors: Sequence[Rotor]) -> tuple[Indices, list[Key]]:
-    """(z, 2) rows and parameters of the entries of couplings' columns and rotors, and their keys."""
+    """(z, 2) rows and parameters of entries of couplings' columns and rotors, and their keys."""
     places: list[tuple[int, int]] = []
     keys: list[Key] = []
     for column in columns:

@@ -21,7 +21,7 @@ NAMES = ("left", "right")
 
 
 def assert_true(seeds: range, least: float) -> None:
-    """Every delay is within a millisecond and 95 % intervals hold, of `least` identified numbers."""
+    """Delays are within a millisecond, intervals hold, of a share `least` of identified numbers."""
     held = []
     covered = []
     for seed in seeds:
@@ -76,9 +76,9 @@ def test_no_command_acts_before_it_was_recorded(tmp_path):
     assert 0 <= found.joints[0].delay < 1e-3 and low == 0 and high < 2e-3
 
 
-@pytest.mark.parametrize("seconds", [0.7, -1.5])
+@pytest.mark.parametrize("seconds", [0.7, pytest.param(-1.5, marks=pytest.mark.slow)])
 def test_clocks_that_are_far_apart_are_told_and_the_remedy_helps(tmp_path, seconds):
-    values, _ = arm_log(two_joints(), 5, duration=15.0)
+    values, _ = arm_log(two_joints(), 5, duration=8.0, rate=100.0)
     apart = late(values, -seconds)
     found = told(apart, tmp_path)
     (offset,) = [f for f in found.findings if f.code == "clock_offset"]
@@ -124,7 +124,7 @@ def test_stribeck_friction_falls_above_the_speed_of_dry_friction():
 
 
 def test_the_flat_range_ends_where_errors_rise():
-    errors = np.array([1.3, 1.0, 0.99, 1.01, 1.2, 1.0])[:, None] * np.ones(5)
+    errors = np.array([1.3, 1.0, 0.99, 1.005, 1.2, 1.0])[:, None] * np.ones(5)
     assert list(flat_range(errors)) == [1, 2, 3]
     assert middle_of(range(1, 4), 3) == 3 and middle_of(range(3), 4) == 0
     assert middle_of(range(5, 6), 4) == 4
@@ -139,7 +139,9 @@ def swinging(seed: int, size: float) -> dict[str, np.ndarray]:
     kept = np.exp(-2 * np.pi * 15 / 300)
     white = rng.standard_normal((2, len(values["time"])))
     noise = lfilter([np.sqrt(1 - kept**2)], [1, -kept], white[0])
-    values["shoulder_position"] = values["shoulder_position"] + size * (0.8 * noise + 0.2 * white[1])
+    values["shoulder_position"] = values["shoulder_position"] + size * (
+        0.8 * noise + 0.2 * white[1]
+    )
     return values
 
 
@@ -153,14 +155,13 @@ def test_coloured_noise_of_an_encoder_does_not_shrink_the_inertia(tmp_path, seed
     value = {p.name: p.value for p in found.parameters}
     inertia = 2.0 * 0.2**2 + 0.02 + true["rotor_1"]
     assert found.cutoff < 8 and value["Izz_1"] + value["rotor_1"] == pytest.approx(inertia, rel=0.1)
-    low, high = found.joints[0].delay_interval
-    assert low < 1e-3
+    assert found.joints[0].delay_interval[0] < 1e-3
 
 
 def test_trials_begin_at_the_motion_and_end_above_the_usual():
     recordings = rows_of(arm_log(two_joints(), 1, duration=10.0)[0]).recordings
     found = trials(recordings)
-    assert found == sorted(found) and 2.0 <= found[0] and found[-1] <= 30.0 and len(found) >= 2
+    assert found == sorted(found) and found[0] >= 2.0 and found[-1] <= 30.0 and len(found) >= 2
 
 
 # -- vehicles --------------------------------------------------------------------------------------
@@ -198,7 +199,9 @@ def test_a_lag_makes_no_delay_negative():
 def test_commands_that_act_too_early_are_an_offset_of_clocks():
     found = timed(bowl(-0.055, 0.0), (0,))
     (offset,) = [f for f in found.findings if f.code == "clock_offset"]
-    assert found.timing.delay == pytest.approx(-0.055, abs=1e-3) and "`offset = -0.05" in offset.remedy
+    assert (
+        found.timing.delay == pytest.approx(-0.055, abs=1e-3) and "`offset = -0.05" in offset.remedy
+    )
 
 
 def test_what_lies_at_the_edge_is_no_delay():

@@ -48,11 +48,10 @@ def clock_offset(needed: Array, acting: Array, t: Array, segment: Indices) -> fl
     total = np.zeros(len(lags))
     used = 0
     for want, have in zip(needed[own].T, acting[own].T, strict=True):
-        want = want - want.mean()
-        have = have - have.mean()
-        size = float(np.linalg.norm(want) * np.linalg.norm(have))
+        pair = want - want.mean(), have - have.mean()
+        size = float(np.linalg.norm(pair[0]) * np.linalg.norm(pair[1]))
         if size > 0:
-            total += scipy.signal.correlate(want, have) / size
+            total += scipy.signal.correlate(*pair) / size
             used += 1
     if not used:
         return None

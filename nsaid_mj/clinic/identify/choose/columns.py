@@ -59,7 +59,9 @@ class Choice:
     speed: tuple[int, ...]  # for each joint, index of its s in `SPEEDS`
     delay: Array  # (k,) delay of each command [s]
     coupled: tuple[tuple[int, int, int], ...] = ()  # pairs (i, j, ±1): the motor turns by v_i ± v_j
-    falls: tuple[int, ...] = ()  # for each joint, index of its f in `FALLS`; () for the first of all
+    falls: tuple[
+        int, ...
+    ] = ()  # for each joint, index of its f in `FALLS`; () for the first of all
 
     def fall(self, joint: int) -> int:
         """Index in `FALLS` of the speed at which a joint's Stribeck friction falls."""

@@ -111,7 +111,9 @@ class Contest:
             mean = 0.0
             for fold, (left, off) in enumerate(self._parts):
                 beta = np.linalg.solve(left[pairs], left[:, first:][at])
-                square = np.diag(off)[first:] - 2 * np.einsum("skd,skd->sd", beta, off[:, first:][at])
+                square = np.diag(off)[first:] - 2 * np.einsum(
+                    "skd,skd->sd", beta, off[:, first:][at]
+                )
                 square = square + np.einsum("skd,skl,sld->sd", beta, off[pairs], beta)
                 found[own, :, fold] = np.sqrt(np.maximum(square, 1e-24))
                 mean = mean + beta
@@ -129,7 +131,7 @@ class Contest:
         return [self._at[key] for key in keys]
 
     def _possible(self, tried: Sequence[Shape], own: list[int], beta: Array) -> Array:
-        """(S', D) whether Stribeck and load friction have the sign of Coulomb's, at β (S', k, D)."""
+        """(S', D) whether Stribeck and load friction have Coulomb's sign, at β (S', k, D)."""
         found = np.ones((beta.shape[0], beta.shape[2]), dtype=bool)
         for row, k in enumerate(own):
             used = [name for name in SHAPES if name in tried[k].names]
@@ -221,7 +223,7 @@ def shared_errors(
 
 
 def errors_at_cutoffs(trials: Sequence[JointRows], choice: Choice) -> Array:
-    """(C, 5) held-out errors of fits to the rows of C filters, all of them on the rows of the first.
+    """(C, 5) held-out errors of fits to the rows of C filters, all on the rows of the first.
 
     They are geometric means over the joints, of the rms over the effort.
     """

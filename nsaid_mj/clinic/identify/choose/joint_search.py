@@ -33,9 +33,8 @@ from ..links import file_links
 from ..problem import FitProblem, mean_squares
 from ..residuals import Suspect
 from ..result import JointStructure, Options, Structured
-from ..smoothing import Filter
+from ..smoothing import Filter, twice_as_noisy
 from ..smoothing import refined as finer
-from ..smoothing import twice_as_noisy
 from ..unmodelled_effects import arm_suspects
 from .clocks import at_edge, clock_offset
 from .columns import BASIC, BROAD, FALLS, SPEEDS, Choice
@@ -206,9 +205,7 @@ def _finished(
     notes = found.findings
     delays = None
     free = options.columns is None
-    searched = options.delay is None and not any(
-        f.code in _UNTIMED and not f.where for f in notes
-    )
+    searched = options.delay is None and not any(f.code in _UNTIMED and not f.where for f in notes)
     if any("load" in columns for columns in choice.columns):
         rows.reweigh(minimise(problem).theta[: rows.links.shape[2]])
     if searched:
@@ -297,7 +294,7 @@ def choose(
     delay: Array | None = None,
     columns: frozenset[str] | None = None,
 ) -> Chosen:
-    """The friction and delays of all joints that predict held-out commands best, and what was tried.
+    """The friction and delays of all joints that predict held-out commands best.
 
     At every delay of the grid each joint has the best friction for it; the delay that all commands
     share is the one with the least product of the joints' errors, and friction is chosen again
@@ -547,7 +544,7 @@ class Delays(NamedTuple):
 
 
 def with_exact_delays(rows: JointRows, choice: Choice) -> tuple[Choice, Delays]:
-    """The choice with its delays corrected by the physical fit of all joints, and how exact they are.
+    """The choice with delays corrected by the physical fit of all joints, and how exact they are.
 
     A delay acts on the rows as one more parameter, whose column is the command's rate. Joints with
     one delay keep it together. Residuals are correlated: the variance comes from the scores summed

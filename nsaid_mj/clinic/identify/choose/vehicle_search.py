@@ -136,7 +136,6 @@ def _timing(
     cost = _cost(rows, columns, Timing())
     free = [0, *([1] if rows.rotors or rows.others else []), *([2] if rows.rotors else [])]
 
-
     def offset() -> float | None:
         problem = rows.problem(columns, Timing())
         acting = problem.actuation(problem.prior)
