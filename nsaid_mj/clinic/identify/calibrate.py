@@ -109,6 +109,7 @@ def _estimated(robot: RobotModel, made: Structured, known: Mapping[str, float]) 
     fit, share = tempered_fit(problem)
     exact = precision(problem, fit, share)
     changes = [_change(problem, fit, informed(other), share) for other in made.alternatives]
+    changes += [_change(problem, fit, informed(other), share, True) for other in made.rivals]
     if changes:
         exact = exact._replace(structure=np.array(changes))
     return BatchFit(made, problem, fit, exact, share)
@@ -266,17 +267,24 @@ def _held_out(problem: FitProblem, share: Array, start: Array) -> tuple[Array, A
     return ours, theirs
 
 
-def _change(problem: FitProblem, fit: Fit, other: FitProblem, share: Array) -> Array:
+def _change(
+    problem: FitProblem, fit: Fit, other: FitProblem, share: Array, rival: bool = False
+) -> Array:
     """(p,) change of θ̂ under another structure that counts as one standard deviation.
 
     It is the whole change, times the ratio of the residual variances if the other structure
-    explains the log less well; 0 for parameters that the other lacks.
+    explains the log less well; 0 for parameters that the other lacks. Of a `rival`, which predicts
+    the log as well, it is the whole change, and parameters that it lacks are 0 in it.
     """
     _, own, theirs = np.intersect1d(problem.space.names, other.space.names, return_indices=True)
     start = other.prior.copy()
     change = np.zeros(len(problem.space))
     start[theirs] = fit.theta[own]
     found = minimise(other, tempered(other, share), start)
+    if rival:
+        change = -fit.theta * ~np.isin(problem.space.names, other.space.names)
+        change[own] = found.theta[theirs] - fit.theta[own]
+        return change
     both = (fit.levels > 0) & (found.levels > 0)  # 0 for joints that are at rest throughout
     plausible = np.exp(np.mean(np.log(fit.levels[both] / found.levels[both])))
     change[own] = min(1.0, plausible) * (found.theta[theirs] - fit.theta[own])

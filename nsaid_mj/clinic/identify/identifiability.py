@@ -15,6 +15,7 @@ from ...base import Finding, InvalidInput, UnknownName
 from ...core import Array, ParameterSpace
 from ...lab import INTERVAL
 from ...report import Explains, Parameter, Status
+from .choose.columns import COLUMNS
 from .fit import Combinations, Fit, Precision, combinations
 from .problem import FitProblem
 from .result import Combination, JointStructure
@@ -24,6 +25,7 @@ _NARROWED = 0.6  # deviation of a relative gain over the prior's, below which it
 _SHARP = 0.05  # relative deviations below and above which the prior does not matter
 _BLUNT = 0.1
 _ABSOLUTE = 0.5  # relative half-width beyond which a gain's own value is not identified
+_UNKNOWN = 2.0  # deviation of a logarithm beyond which it is not told: a factor of 50 both ways
 _TERMS = 6  # terms of a combination that are written out
 _TRADED = " over its gain"  # of a gain that its joint's friction may stand for
 _GOOD = 0.2  # held-out NRMSE
@@ -51,9 +53,11 @@ def parameters_in_words(
         low = value - INTERVAL * sd
         high = value + INTERVAL * sd
         if value > 0 and (space.geometries[index] == "positive" or unit == "kg"):
-            factor = float(np.exp(min(INTERVAL * sd / value, 50.0)))
+            factor = float(np.exp(INTERVAL * min(sd / value, _UNKNOWN)))
             low = value / factor
             high = value * factor
+            if block == COLUMNS["load"].block:  # beyond it, the load alone would hold the joint
+                high = max(min(high, 1.0), value)
         relative = None
         others = "gains"
         if index in gains:

@@ -10,7 +10,8 @@ system, whose regressor is computed and filtered once; a choice takes some of th
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import itertools
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from ..logs.recordings import Recordings
 from .choose.columns import (
     COLUMNS,
     COUPLINGS,
+    FALLS,
     FASTENED,
     SPEEDS,
     Choice,
@@ -56,8 +58,21 @@ _FREE = 10.0  # of what may have either sign, over its scale: the rows asked for
 Part = tuple[Block, Array, Array]
 """A block of θ of c parameters, its prior (c,), and the prior's spread."""
 
-Key = tuple[str, int, float | None, int | None]
-"""An entry of a candidate: kind, row, speed s if it has one, and the other joint if it has two."""
+Key = tuple[str, int, float | None, int]
+"""An entry of a coupling: kind, row, speed s if it has one, and the other joint."""
+
+
+class Diagonal(dict[str, Array]):
+    """Entries of columns on the joints' own rows, each evaluated when it is first asked for."""
+
+    def __init__(self, evaluate: Callable[[str], Array]):
+        super().__init__()
+        self._evaluate = evaluate
+
+    def __missing__(self, name: str) -> Array:
+        found = self._evaluate(name)
+        self[name] = found
+        return found
 
 
 class JointRows(Rows):
@@ -71,7 +86,7 @@ class JointRows(Rows):
         system: the robot's, with an angle as the position of every joint.
         links: (N, n, 10 b) columns of the links.
         diagonal: name of a column → (N, n) entries on the joints' own rows; of those of `FASTENED`
-            with a further leading axis for `SPEEDS`.
+            with a further leading axis for `SPEEDS`, and of `stribeck` one for `FALLS` after it.
         loading: (10 b,) parameters of the links whose weight loads the friction.
         driven: numbers of the d joints with a motor, from 0.
     """
@@ -95,10 +110,11 @@ class JointRows(Rows):
         self.system = unrolled(robot.system)
         self._commands = [(s, smooth_commands(s, chosen)) for s in self.segments]
         self._entries: dict[Key, Array] = {}
-        self.links, self.diagonal = self._evaluated()
+        self.diagonal = Diagonal(self._fastened)
+        self.loading = file_links(robot.model)
+        self.links = self._evaluated()
         self._moving = np.concatenate([m.q[m.usable.any(axis=1)] for m in self.motions])
         self._weight = weight_columns(self.system, self._moving)
-        self.reweigh(file_links(robot.model))
 
     def like(self, recordings: Recordings, chosen: Filter) -> JointRows:
         """Rows of other recordings or through other filters, with the same motors and loading."""
@@ -109,40 +125,46 @@ class JointRows(Rows):
         other.driven = self.driven
         return other
 
-    def _evaluated(self) -> tuple[Array, dict[str, Array]]:
-        """Columns of the links, and `diagonal` but load; keeps the entries of all candidates."""
-        own = [name for name in COLUMNS if name != "load"]
+    def _evaluated(self) -> Array:
+        """Columns of the links; keeps those of joints without a friction speed, and couplings."""
+        own = [name for name in COLUMNS if name not in FASTENED]
         n = self.system.n
         links = self.system.p
-        columns, rotors = _on_every_joint(own, n, links)
-        end = links + len(columns) + len(rotors)
+        columns, rotors, end = _on_every_joint(own, n, links)
+        pairs: list[Column] = []
+        turned: list[Rotor] = []
+        last = end
         for i, j, sign in self.coupled:
-            rotors.append(Rotor(i, end, j))
-            speeds = list(enumerate(SPEEDS, start=end + 2))
-            columns += coupling_columns((i, j, sign), end + 1, speeds)
-            end += 2 + len(SPEEDS)
-        places, keys = _places(columns, rotors)
+            turned.append(Rotor(i, last, j))
+            speeds = list(enumerate(SPEEDS, start=last + 2))
+            pairs += coupling_columns((i, j, sign), last + 1, speeds)
+            last += 2 + len(SPEEDS)
+        places, keys = _places(pairs, turned)
         rows, parameters = places.T
+        system = with_columns(self.system, [*columns, *pairs], [*rotors, *turned], last)
 
         def pick(W: Array) -> Array:
-            own_rows = W[:, :, :links].reshape(len(W), -1)
-            return np.hstack([own_rows, W[:, rows, parameters]])
+            return np.hstack([W[:, :, :end].reshape(len(W), -1), W[:, rows, parameters]])
 
-        found = self.regressor(with_columns(self.system, columns, rotors, end), pick)
-        self._entries = dict(zip(keys, np.ascontiguousarray(found[:, n * links :].T), strict=True))
-        diagonal = {name: _stacked(self._entries, name, n) for name in own}
-        return np.ascontiguousarray(found[:, : n * links]).reshape(-1, n, links), diagonal
+        found = self.regressor(system, pick)
+        self._entries = dict(zip(keys, np.ascontiguousarray(found[:, n * end :].T), strict=True))
+        shared = found[:, : n * end].reshape(-1, n, end)
+        self.diagonal.update(zip(own, np.moveaxis(shared[:, :, links:], 2, 0).copy(), strict=True))
+        return np.ascontiguousarray(shared[:, :, :links])
+
+    def _fastened(self, name: str) -> Array:
+        """The entries of a column of `FASTENED`, at all of its speeds."""
+        n = self.system.n
+        links = self.system.p
+        columns, _, end = _on_every_joint([name], n, links, self.loading)
+        system = with_columns(self.system, columns, [], end)
+        found = np.moveaxis(self.regressor(system, lambda W: W[:, :, links:]), 2, 0).copy()
+        return found.reshape(len(SPEEDS), -1, *found.shape[1:]) if name == "stribeck" else found
 
     def reweigh(self, links: Array) -> None:
-        """Computes load-dependent friction from the weight of links with parameters (10 b,)."""
+        """Has load-dependent friction computed from the weight of links of parameters (10 b,)."""
         self.loading = links
-        columns, _ = _on_every_joint(["load"], self.system.n, self.system.p, links)
-        places, keys = _places(columns, [])
-        rows, parameters = places.T
-        system = with_columns(self.system, columns, [], self.system.p + len(columns))
-        found = self.regressor(system, lambda W: W[:, rows, parameters])
-        self._entries |= dict(zip(keys, np.ascontiguousarray(found.T), strict=True))
-        self.diagonal["load"] = _stacked(self._entries, "load", self.system.n)
+        self.diagonal.pop("load", None)
 
     def commands(self, delay: Array) -> Array:
         """(N, k) filtered commands, delayed by (k,) seconds.
@@ -155,7 +177,11 @@ class JointRows(Rows):
     def column(self, name: str, joint: int, choice: Choice) -> Array:
         """(N,) a column of a joint."""
         found = self.diagonal[name]
-        return (found[choice.speed[joint]] if found.ndim == 3 else found)[:, joint]
+        if name in FASTENED:
+            found = found[choice.speed[joint]]
+        if name == "stribeck":
+            found = found[choice.fall(joint)]
+        return found[:, joint]
 
     def slip(self, i: int, j: int, speed: int) -> Array:
         """(N,) tanh((v_i ± v_j)/s) of two coupled joints, s by its index in `SPEEDS`."""
@@ -211,7 +237,12 @@ class JointRows(Rows):
         """(N, n, p) W of the robot with the columns of a choice, for filtered commands u (N, k)."""
         Y = np.zeros((*self.usable.shape, len(space)))
         Y[:, :, : self.links.shape[2]] = self.links
-        for (row, parameter), key in zip(*_places(*choice.terms(space, self.loading)), strict=True):
+        for joint, names in enumerate(choice.columns):
+            for name in names:
+                at = space.index(f"{COLUMNS[name].letter}_{joint + 1}")
+                Y[:, joint, at] = self.column(name, joint, choice)
+        places, keys = _places(*choice.coupling_terms(space))
+        for (row, parameter), key in zip(places, keys, strict=True):
             Y[:, row, parameter] = self._entries[key]
         for load in payloads(self.robot.model, self.loads):  # columns of its link, in some logs
             carried = [s.source in load.sources for s in self.recordings.segments]
@@ -302,50 +333,42 @@ class JointRows(Rows):
 
 
 def _places(columns: Sequence[Column], rotors: Sequence[Rotor]) -> tuple[Indices, list[Key]]:
-    """(z, 2) rows and parameters of the entries of joints' columns and rotors, and their keys."""
+    """(z, 2) rows and parameters of entries of couplings' columns and rotors, and their keys."""
     places: list[tuple[int, int]] = []
     keys: list[Key] = []
     for column in columns:
         constants: dict[str, Any] = dict(column.constants)
         places.append((column.dof, column.parameter))
-        keys.append((column.kind, column.dof, constants.get("speed"), constants.get("other")))
+        keys.append((column.kind, column.dof, constants.get("speed"), constants["other"]))
     for rotor in rotors:
-        if rotor.other < 0:
-            places.append((rotor.dof, rotor.parameter))
-            keys.append(("rotor", rotor.dof, None, None))
-        else:
-            pair = rotor.dof, rotor.other
-            places += [(row, rotor.parameter) for row in pair]
-            keys += [("rotor", one, None, other) for one, other in (pair, pair[::-1])]
+        pair = rotor.dof, rotor.other
+        places += [(row, rotor.parameter) for row in pair]
+        keys += [("rotor", one, None, other) for one, other in (pair, pair[::-1])]
     return np.array(places, dtype=np.intp).reshape(-1, 2), keys
 
 
 def _on_every_joint(
     names: Sequence[str], n: int, first: int, links: Array | None = None
-) -> tuple[list[Column], list[Rotor]]:
-    """Columns of `COLUMNS` and rotors on n joints, at every speed, with parameters from `first`."""
+) -> tuple[list[Column], list[Rotor], int]:
+    """Columns of `COLUMNS` and rotors on n joints, at every speed, and the parameter after them.
+
+    All joints have one parameter, from `first`, since their entries stand in rows of their own.
+    """
     loading = np.zeros(0) if links is None else links
     columns = []
     rotors = []
     at = first
     for name in names:
-        for speed in SPEEDS if name in FASTENED else SPEEDS[:1]:
+        falls = FALLS if name == "stribeck" else FALLS[:1]
+        speeds = SPEEDS if name in FASTENED else SPEEDS[:1]
+        for pair in itertools.product(speeds, falls):
             for joint in range(n):
                 if name == "rotor":
                     rotors.append(Rotor(joint, at))
                 else:
-                    columns.append(joint_column(name, at, joint, speed, loading))
-                at += 1
-    return columns, rotors
-
-
-def _stacked(entries: dict[Key, Array], name: str, n: int) -> Array:
-    """(N, n) entries of a column on all joints; (speeds, N, n) of those of `FASTENED`."""
-
-    def of(speed: float | None) -> Array:
-        return np.column_stack([entries[name, joint, speed, None] for joint in range(n)])
-
-    return np.stack([of(speed) for speed in SPEEDS]) if name in FASTENED else of(None)
+                    columns.append(joint_column(name, at, joint, pair, loading))
+            at += 1
+    return columns, rotors, at
 
 
 def joint_of(parameter: str) -> int:

@@ -37,7 +37,7 @@ from ...report import Panel as Curves
 from ..logs.recordings import Recordings
 from . import wording
 from .curves import with_curves
-from .result import Identification
+from .result import Identification, JointStructure
 
 _LINES = 16  # largest number of printed lines of a table; the page has all of them
 _SILENT = {
@@ -223,11 +223,20 @@ def _quality(result: Identification) -> Table:
         line.append(wording.nrmse(j.least_squares))
         if checked:
             line += [wording.nrmse(j.validation), wording.nrmse(j.validation_least_squares)]
-        line += [f"{number(1e3 * j.delay, 0.1)} ms", number(j.friction_speed), ", ".join(j.columns)]
+        line += [_delay(j), number(j.friction_speed), ", ".join(j.columns)]
         lines.append(line)
     last = len(heads) - 1
     spare = [last, last - 1, *[5] * checked]
     return Table(heads, lines, (0, last), spare=spare, most=_LINES).without_empty_columns()
+
+
+def _delay(joint: JointStructure) -> str:
+    """A delay with its 95 % interval, in milliseconds."""
+    words = f"{number(1e3 * joint.delay, 0.1)} ms"
+    if joint.delay_interval is None:
+        return words
+    low, high = (number(1e3 * end, 0.1) for end in joint.delay_interval)
+    return f"{words} ({low} … {high})"
 
 
 def _kinds(result: Identification) -> list[PageItem]:

@@ -52,6 +52,7 @@ class JointStructure:
     # s of tanh(v/s) [rad/s or m/s]; NaN where there is no such column
     friction_speed: float = np.nan
     delay: float = 0.0  # delay of the command [s]
+    delay_interval: tuple[float, float] | None = None  # its 95 % interval [s]; None if it was given
 
 
 class Structured(NamedTuple):
@@ -68,6 +69,8 @@ class Structured(NamedTuple):
     delays: Array  # (k,) delays of the commands [s]
     # maps θ̂ (p,) to unmodelled effects against which residuals are tested
     suspects: Callable[[Array], Iterable[Suspect]] = lambda _: ()
+    # problems of structures and filters that predict the log as well as the chosen ones
+    rivals: Iterable[FitProblem] = ()
     # the problem and the suspects with twice the variance of the sensors' noise, for a (p,) θ̂;
     # None where suspects do not depend on the measured motion
     noisier: Callable[[Array], tuple[FitProblem, Iterable[Suspect]]] | None = None

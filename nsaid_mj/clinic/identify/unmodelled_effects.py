@@ -15,7 +15,7 @@ import numpy as np
 from ...base import pin
 from ...core import Array, kernel, positions
 from ...robots import with_inertias
-from .choose.columns import SPEEDS, Choice
+from .choose.columns import BROAD, SPEEDS, Choice
 from .joints import JointRows
 from .links import weight_of
 from .problem import FitProblem
@@ -256,7 +256,7 @@ def _own(rows: JointRows, choice: Choice) -> Iterator[Suspect]:
         }
         for i in (j - 1, j + 1):
             if 0 <= i < n and {i, j} not in coupled:
-                motion = np.column_stack([a[:, i], v[:, i], curve[1, :, i]])
+                motion = np.column_stack([a[:, i], v[:, i], curve[BROAD, :, i]])
                 own[f"the motion of {names[i]}"] = motion, "Name the coupling of both in the map."
         for words, (columns, remedy) in own.items():
             yield Suspect(words, name, _on(j, n, columns), remedy)

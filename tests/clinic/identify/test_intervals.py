@@ -258,3 +258,12 @@ def test_what_an_alternative_changes_reaches_the_intervals(monkeypatch, tmp_path
     wide = identify_forces(two_joints(), log, known={"gain_1": 1.0})
     assert wide.of("motor gain")[1].high > 1.5 * plain.of("motor gain")[1].high
     assert len(Filter(5.0, 50.0, 1).kernel) % 2 == 1 and refined(plain.recordings).rate >= 200
+
+
+def test_an_interval_of_what_nobody_knows_ends():
+    """It ended at 2·10¹⁵."""
+    problem = problem_of(noise=0.2)
+    fit = minimise(problem)._replace(theta=TRUE)
+    exact = exactly(covariance=np.diag((40 * TRUE) ** 2), data=1e6 * np.eye(7))
+    found = parameters_in_words(problem, fit, exact, np.full(2, 2.0), np.zeros(7))[0]
+    assert found.high < 100 * found.value and found.low > 0.01 * found.value

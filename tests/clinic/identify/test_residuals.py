@@ -11,12 +11,12 @@ import pytest
 from scipy.ndimage import uniform_filter1d
 
 from nsaid_mj.base.findings import Finding
-from nsaid_mj.clinic.identify.choose.columns import BASIC, SPEEDS, Choice
+from nsaid_mj.clinic.identify.choose.columns import BASIC, BROAD, SPEEDS, Choice
 from nsaid_mj.clinic.identify.choose.cutoff import filter_for
 from nsaid_mj.clinic.identify.choose.joint_search import (
     choose,
-    with_common_delay,
     with_constants,
+    with_exact_delays,
 )
 from nsaid_mj.clinic.identify.fit import minimise, precision
 from nsaid_mj.clinic.identify.identifiability import with_known
@@ -161,7 +161,7 @@ def test_what_explains_a_tenth_of_the_command_matters_even_if_nothing_moves():
 def test_a_product_of_inertia_that_is_nearly_0_is_measured_against_the_body():
     """Its own size depends on the body's axes."""
     rows = rows_of(arm_log(two_joints(), 0, duration=10.0)[0])
-    choice = Choice((BASIC, BASIC), (1, 1), np.zeros(2))
+    choice = Choice((BASIC, BASIC), (BROAD, BROAD), np.zeros(2))
     problem = rows.problem(choice)
     exact = precision(problem, minimise(problem), np.ones(2))
     theta, at = exact.theta.copy(), problem.space.labels.index("Ixy of link 2")
@@ -355,17 +355,18 @@ def rows_of(values: dict[str, np.ndarray]) -> JointRows:
 
 def test_delays_are_found_to_a_fraction_of_the_grid():
     rows = rows_of(arm_log(two_joints(), 1, Flaw(delay=(0.013, 0.047)))[0])
-    choice, _ = choose(rows)
+    choice = choose(rows).choice
     np.testing.assert_allclose(choice.delay, [0.013, 0.047], atol=0.003)
     for seed in range(4):  # between two points of the grid, of which joints prefer either
         values = arm_log(two_joints(), seed, Flaw(delay=0.0141), sines=2, duration=10.0)[0]
-        assert np.ptp(choose(rows_of(values))[0].delay) == 0
+        assert np.ptp(choose(rows_of(values)).choice.delay) == 0
     rows = rows_of(arm_log(two_joints(), 1, Flaw(delay=0.0137))[0])
-    choice, _ = choose(rows)
+    choice = choose(rows).choice
     far = replace(choice, delay=choice.delay + 0.01)
     for start in (choice, far):
-        best = with_common_delay(rows, start)[0]
+        best, exact = with_exact_delays(rows, start)
         np.testing.assert_allclose(best.delay, 0.0137, atol=5e-4)
+        assert all(low < 0.0137 < high for low, high in exact.ends(best.delay))
 
 
 def test_dry_friction_of_another_speed_is_no_delay():
@@ -377,13 +378,13 @@ def test_dry_friction_of_another_speed_is_no_delay():
     t = values["time"]
     v = np.interp(t + 0.012, t, np.gradient(exact["elbow_position"], t))
     slower = true["coulomb_2"] / true["gain_2"] * (np.tanh(v / 0.2) - np.tanh(v / 0.02))
-    choice, _ = choose(rows_of(values | {"elbow_current": values["elbow_current"] + slower}))
+    choice = choose(rows_of(values | {"elbow_current": values["elbow_current"] + slower})).choice
     assert np.ptp(choice.delay) == 0 and SPEEDS[choice.speed[1]] == 0.2
 
 
 def test_an_offset_is_chosen_where_the_shared_fit_needs_it():
     values, _ = arm_log(two_joints(), 2)
-    start = Choice((BASIC, BASIC), (1, 1), np.zeros(2))
+    start = Choice((BASIC, BASIC), (BROAD, BROAD), np.zeros(2))
     for shift, wanted in ((0.0, 0), (0.8, 1)):
         moved = values | {"elbow_current": values["elbow_current"] + shift}
         choice, said = with_constants(rows_of(moved), start)

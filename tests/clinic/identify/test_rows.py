@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from nsaid_mj.clinic.identify.choose.columns import COLUMNS, SPEEDS, STRIBECK, Choice
+from nsaid_mj.clinic.identify.choose.columns import COLUMNS, FALLS, SPEEDS, Choice
 from nsaid_mj.clinic.identify.choose.cutoff import filter_for
 from nsaid_mj.clinic.identify.choose.timing import Timing
 from nsaid_mj.clinic.identify.identify import files_of, identify_forces, recordings_of
@@ -86,12 +86,13 @@ def reference(rows: JointRows, choice: Choice, space: ParameterSpace) -> np.ndar
             W[k, :, : 10 * n] = torque
             weight[k] = pin.computeGeneralizedGravity(model, data, q)
         s = np.array([SPEEDS[index] for index in choice.speed])
+        f = np.array([FALLS[choice.fall(j)] for j in range(n)])
         slip = np.tanh(v / s)
         own = {
             "rotor": a,
             "viscous": v,
             "coulomb": slip,
-            "stribeck": slip * np.exp(-((v / STRIBECK) ** 2)),
+            "stribeck": slip * np.exp(-((v / f) ** 2)),
             "load": slip * np.abs(weight),
             "quadratic": v * np.abs(v),
             "cubic": v**3,
@@ -134,7 +135,8 @@ def test_rows_of_every_column_are_those_of_pinocchio_and_numpy(name):
         recordings, coupled = invented(robot), ((2, 5, -1), (0, 1, 1))
     n = len(robot.joints)
     speeds = np.random.default_rng(0).integers(0, len(SPEEDS), n)
-    choice = Choice((EVERY,) * n, tuple(speeds.tolist()), np.full(n, 0.003), coupled)
+    falls = tuple(np.random.default_rng(1).integers(0, len(FALLS), n).tolist())
+    choice = Choice((EVERY,) * n, tuple(speeds.tolist()), np.full(n, 0.003), coupled, falls)
     rows = JointRows(robot, recordings, filter_for(recordings), np.ones(n), 1.0, coupled=coupled)
     problem = rows.problem(choice)
     expected = reference(rows, choice, problem.space)

@@ -26,10 +26,12 @@ from ....core import (
 
 # -- a tree of joints ------------------------------------------------------------------------------
 
-SPEEDS = (0.005, 0.02, 0.05, 0.1, 0.2)
+SPEEDS = (0.005, 0.01, 0.02, 0.035, 0.05, 0.07, 0.1, 0.14, 0.2)
 """Candidate speeds s [rad/s or m/s] at which tanh(v/s) of Coulomb friction saturates."""
-BROAD = 1  # index of the first that is tried
-STRIBECK = 0.1  # speed at which Stribeck friction has fallen to 1/e [rad/s or m/s]
+BROAD = 2  # index of the first that is tried
+FALLS = (0.03, 0.05, 0.07, 0.1, 0.14, 0.2, 0.3)
+"""Candidate speeds f [rad/s or m/s] at which Stribeck friction has fallen to 1/e."""
+FALLEN = 3  # index of the first that is tried
 
 _ROTOR = Kind(-1, "rotor", "rotor inertia", "rotor", ("kg·m²", "kg"))  # an entry of M
 _NAMES = ("viscous", "coulomb", "stribeck", "load", "quadratic", "cubic", "spring", "offset")
@@ -37,7 +39,7 @@ COLUMNS = {"rotor": _ROTOR} | {name: KINDS[name] for name in _NAMES}
 COLUMNS["spring"] = replace(KINDS["spring"], geometry="free", share=0.3)  # or a counterweight
 """Columns of a joint by name; their kinds say block, letter, unit and geometry of the parameter.
 
-Rotor v̇, viscous v, Coulomb tanh(v/s), Stribeck tanh(v/s) exp(−(v/0.1)²), load tanh(v/s)·|weight's
+Rotor v̇, viscous v, Coulomb tanh(v/s), Stribeck tanh(v/s) exp(−(v/f)²), load tanh(v/s)·|weight's
 torque|, quadratic v|v|, cubic v³, spring q, offset 1.
 """
 BASIC = frozenset({"rotor", "viscous", "coulomb"})
@@ -57,6 +59,24 @@ class Choice:
     speed: tuple[int, ...]  # for each joint, index of its s in `SPEEDS`
     delay: Array  # (k,) delay of each command [s]
     coupled: tuple[tuple[int, int, int], ...] = ()  # pairs (i, j, ±1): the motor turns by v_i ± v_j
+    falls: tuple[
+        int, ...
+    ] = ()  # for each joint, index of its f in `FALLS`; () for the first of all
+
+    def fall(self, joint: int) -> int:
+        """Index in `FALLS` of the speed at which a joint's Stribeck friction falls."""
+        return self.falls[joint] if self.falls else FALLEN
+
+    def with_joint(self, joint: int, names: frozenset[str], speed: int, fall: int) -> Choice:
+        """A copy with these columns and speeds at one joint."""
+        columns = list(self.columns)
+        speeds = list(self.speed)
+        falls = [self.fall(j) for j in range(len(columns))]
+        columns[joint] = names
+        speeds[joint] = speed
+        falls[joint] = fall
+        parts = {"columns": tuple(columns), "speed": tuple(speeds), "falls": tuple(falls)}
+        return replace(self, **parts)
 
     def at(self, joint: int, *names: str, speed: int | None = None) -> Choice:
         """A copy with further columns, or another speed, at one joint."""
@@ -79,7 +99,15 @@ class Choice:
                 if name == "rotor":
                     rotors.append(Rotor(joint, at))
                 else:
-                    columns.append(joint_column(name, at, joint, SPEEDS[self.speed[joint]], links))
+                    at_speeds = SPEEDS[self.speed[joint]], FALLS[self.fall(joint)]
+                    columns.append(joint_column(name, at, joint, at_speeds, links))
+        pairs, turned = self.coupling_terms(space)
+        return [*columns, *pairs], [*rotors, *turned]
+
+    def coupling_terms(self, space: ParameterSpace) -> tuple[list[Column], list[Rotor]]:
+        """Those of `terms` that act on two joints."""
+        columns = []
+        rotors = []
         for i, j, sign in self.coupled:
             inertia, viscous, coulomb = (space.index(x) for x in coupling_names(i, j))
             rotors.append(Rotor(i, inertia, j))
@@ -87,14 +115,17 @@ class Choice:
         return columns, rotors
 
 
-def joint_column(name: str, at: int, joint: int, speed: float, links: Array) -> Column:
-    """A column of `COLUMNS` on a joint, of parameter `at`, with tanh(v/speed).
+def joint_column(
+    name: str, at: int, joint: int, speeds: tuple[float, float], links: Array
+) -> Column:
+    """A column of `COLUMNS` on a joint, of parameter `at`.
 
-    `links` (10 b,) are those whose weight loads the friction.
+    `speeds` are s of tanh(v/s) and f of exp(−(v/f)²); `links` (10 b,) are those whose weight loads
+    the friction.
     """
-    constants: dict[str, Any] = {"speed": speed} if name in FASTENED else {}
+    constants: dict[str, Any] = {"speed": speeds[0]} if name in FASTENED else {}
     if name == "stribeck":
-        constants["stribeck"] = STRIBECK
+        constants["stribeck"] = speeds[1]
     elif name == "load":
         moments = links.reshape(-1, 10)[:, :4]
         constants["bodies"] = np.column_stack([np.arange(len(moments)), moments])

@@ -11,12 +11,16 @@ import scipy
 
 from ....base import Finding
 from ....core import Array
-from .options import DELAY, LAG, MIX, NUMBER, improves
+from ....lab import INTERVAL
+from .clocks import at_edge
+from .options import DELAY, LAG, MIX, NUMBER, REACH, improves
 
 _FINE = 0.0005  # of the best delay [s]
 _STEPS = (0.0005, 0.001, 0.01)  # first changes of delay, lag and mix by which a cost rises
 _DOUBLINGS = 6  # of a change, at most
 _RISE = 2.0  # of the cost, at two standard deviations, which count as one: residuals are correlated
+_CLOCK = 0.02  # of a sample: no log's clock and interpolation are more exact
+_SLOWEST = 1.0  # lag of an actuator [s]
 
 
 class Timing(NamedTuple):
@@ -45,63 +49,100 @@ class Timing(NamedTuple):
         return np.asarray(scipy.signal.lfilter(taps, [1, -kept], speed, axis=0, zi=start)[0])
 
 
+class Timed(NamedTuple):
+    """What a search of the timing found."""
+
+    timing: Timing
+    others: list[Timing]  # that are equally plausible
+    findings: list[Finding]
+    delay: tuple[float, float] | None = None  # 95 % interval [s]; None of one that is given
+
+
 def search(
     cost: Callable[[Timing], float],
     names: Sequence[str],
     free: Sequence[int],
     report: Callable[[str], None],
-) -> tuple[Timing, list[Timing], list[Finding]]:
-    """The timing that minimises a cost, equally plausible ones, and notes.
+    period: float,
+    offset: Callable[[], float | None] = lambda: None,
+) -> Timed:
+    """The timing that minimises a cost, and equally plausible ones.
+
+    Commands act after they were recorded. Where the cost says that they acted before, the clocks of
+    commands and positions are apart, and this offset is called so; a delay at the edge of the
+    search is not identified, and none is used.
 
     `names` are those of the actuators. `free` are the numbers of a timing that may change, see
     `_timing_of`: 0, the delay, 1, the lag, where some commands are not measured speeds, and 2, the
-    curve, where they are of rotors.
+    curve, where they are of rotors. `period` is that of the log [s], `offset` searches for
+    clocks that are farther apart [s].
     """
     report("searching for delays")
     grid = np.array(DELAY.values)
     costs = np.array([cost(Timing(d)) for d in grid])
     at = int(np.argmin(costs))
-    zero = int(np.argmin(np.abs(grid)))
+    now = cost(Timing())
+    edge = at in (0, len(grid) - 1) and improves(now, costs[at], NUMBER)
     found = np.array([0.0, 0.0, 1.0])
-    edge = at in (0, len(grid) - 1)
-    notes = []
-    if not edge:
+    earliest = 0.0
+    if 0 < at < len(grid) - 1:
         least = scipy.optimize.minimize_scalar(
             lambda d: cost(Timing(d)), bounds=(grid[at - 1], grid[at + 1]), options={"xatol": _FINE}
         )
-        if improves(costs[zero], least.fun, DELAY.criterion):
+        early = least.x < 0 and improves(now, least.fun, NUMBER)
+        if early:
+            earliest = least.x - DELAY.values[1] + DELAY.values[0]
+        if early or (least.x > 0 and improves(now, least.fun, DELAY.criterion)):
             found[0] = least.x
 
     def along(x: Array) -> float:
-        timing = _timing_of(x)
+        timing = _timing_of(x, earliest)
         return np.inf if timing is None else cost(timing)
 
     if 1 in free:
         report("choosing the actuators' curve and lag")
         found = _with_drive(along, found, free)
-    timing = _timing_of(found) or Timing()
-    if edge and improves(costs[zero], costs[at], NUMBER) and timing == Timing():
+    timing = _timing_of(found, earliest) or Timing()
+    notes = []
+    if timing.lag > _SLOWEST - _FINE:
+        text = f"no lag of the actuators is identified: the cost still falls at {_SLOWEST:g} s"
+        remedy = "Record faster changes of the commands, and check what the commands are."
+        notes.append(Finding("warning", "lag_at_edge", "", text, remedy))
+        timing = Timing()
+        found = np.array([0.0, 0.0, 1.0])
+    if edge and timing == Timing():
+        notes.append(at_edge(grid[at], offset=offset()))
+        return Timed(timing, _plausible(along, found, free, earliest)[0], notes)
+    others, deviation = _plausible(along, found, free, earliest)
+    delay = float(timing.delay)  # type: ignore[arg-type]  # of a search, that of all actuators
+    half = INTERVAL * float(np.hypot(deviation[0], _CLOCK * period))
+    ends = (max(delay - half, 0.0) if delay >= 0 else delay - half, delay + half)
+    between = f"(95 %: {1e3 * ends[0]:.3g} to {1e3 * ends[1]:.3g} ms)"
+    data = dict.fromkeys(names, delay)
+    text = f"commands act {1e3 * delay:.1f} ms after they were recorded {between}"
+    if earliest <= delay < 0 or delay > REACH:
+        when = "before" if delay < 0 else "after"
         text = (
-            f"the best delay of the commands, {grid[at] * 1e3:+.0f} ms, lies at the edge of the "
-            "search"
+            f"commands act {abs(1e3 * delay):.3g} ms {when} they were recorded {between}, which is "
+            "no delay but an offset between the clocks of commands and motion; it was used"
         )
-        remedy = "Align the clocks of commands and positions in the map."
-        notes.append(Finding("warning", "delay_at_edge", "", text, remedy))
-    if timing.delay:
-        text = f"commands act {timing.delay * 1e3:.1f} ms after they were recorded"
-        notes.append(Finding("note", "delay", "", text, data=dict.fromkeys(names, timing.delay)))
-    return timing, _plausible(along, found, free), [*notes, *_drive_notes(timing, 2 in free)]
+        remedy = f"Set `offset = {delay:.4g}` for the file of the commands in the map."
+        notes.append(Finding("warning", "clock_offset", "", text, remedy, data))
+    elif delay > 0:
+        notes.append(Finding("note", "delay", "", text, data=data))
+    drive = _drive_notes(timing, INTERVAL * deviation[1], 2 in free)
+    return Timed(timing, others, [*notes, *drive], ends)
 
 
-def _timing_of(x: Array) -> Timing | None:
+def _timing_of(x: Array, earliest: float = 0.0) -> Timing | None:
     """The timing with three numbers that have distinguishable effects on the motion.
 
     They are the sum of delay and lag [s], which slow motion cannot separate, the lag [s], and the
-    share of the square; None if there is no such timing.
+    share of the square; None if there is no such timing. A delay is at least `earliest` [s].
     """
     total, lag, mix = map(float, x)
-    inside = lag >= 0 and 0 <= mix <= 1
-    return Timing(total - lag, mix, lag) if inside else None
+    inside = 0 <= lag <= _SLOWEST and 0 <= mix <= 1
+    return Timing(max(total - lag, earliest), mix, lag) if inside else None
 
 
 def _with_drive(along: Callable[[Array], float], start: Array, free: Sequence[int]) -> Array:
@@ -113,7 +154,8 @@ def _with_drive(along: Callable[[Array], float], start: Array, free: Sequence[in
     """
     trials = MIX.values if 2 in free else MIX.values[:1]
     mixes = [np.array([start[0], 0.0, mix]) for mix in trials]
-    lags = [np.array([start[0], lag, min(mixes, key=along)[2]]) for lag in LAG.values]
+    mix = min(mixes, key=along)[2]
+    lags = [np.array([max(start[0], lag), lag, mix]) for lag in LAG.values]
     best = min(lags, key=along)
     if not improves(along(mixes[0]), along(best), NUMBER):
         return start
@@ -137,14 +179,18 @@ def _with_drive(along: Callable[[Array], float], start: Array, free: Sequence[in
     return found
 
 
-def _plausible(along: Callable[[Array], float], found: Array, free: Sequence[int]) -> list[Timing]:
-    """Timings that differ from the optimum by the uncertainty of each number in turn.
+def _plausible(
+    along: Callable[[Array], float], found: Array, free: Sequence[int], earliest: float
+) -> tuple[list[Timing], Array]:
+    """Timings that differ by the uncertainty of each number, and deviations of delay and lag [s].
 
     A number is changed in both directions until the cost rises as for two standard deviations, and
     the larger change is used, as the cost hardly depends on a small lag.
     """
     others = []
     least = along(found)
+    now = _timing_of(found, earliest)
+    sizes = np.zeros(3)
     for k in free:
         best = 0.0
         for side in (1, -1):
@@ -155,15 +201,22 @@ def _plausible(along: Callable[[Array], float], found: Array, free: Sequence[int
                 if rise >= _RISE:
                     break
                 step *= 2
-            if np.isfinite(rise):
+            if np.isfinite(rise) and _timing_of(found + step * np.eye(3)[k], earliest) != now:
                 size = step * np.sqrt(_RISE / max(rise, _RISE))
                 best = size if abs(size) > abs(best) else best
-        others.append(_timing_of(found + best * np.eye(3)[k]))
-    return [other for other in others if other is not None]
+        sizes[k] = abs(best)
+        others.append(_timing_of(found + best * np.eye(3)[k], earliest))
+    # the cost hardly changes along delay − lag at a constant sum: both have the lag's deviation
+    lag = 0.5 * sizes[1] if found[1] > 0 else 0.0
+    deviation = np.array([np.hypot(0.5 * sizes[0], lag), lag])
+    return [other for other in others if other is not None], deviation
 
 
-def _drive_notes(timing: Timing, rotors: bool) -> list[Finding]:
-    """Describes the drives, unless commands act at once, and those of rotors are their speeds."""
+def _drive_notes(timing: Timing, half: float, rotors: bool) -> list[Finding]:
+    """Describes the drives, unless commands act at once, and those of rotors are their speeds.
+
+    half [s] is half of the lag's 95 % interval.
+    """
     found = []
     mix = timing.mix
     if mix != 1.0:
@@ -171,6 +224,11 @@ def _drive_notes(timing: Timing, rotors: bool) -> list[Finding]:
         found.append(Finding("note", "curve", "", text, data={"mix": mix}))
     if timing.lag:
         who = "the rotors' speeds" if rotors else "the actuators"
-        text = f"{who} lag behind their commands by {timing.lag * 1e3:.0f} ms"
-        found.append(Finding("note", "lag", "", text, data={"seconds": timing.lag}))
+        ends = [max(timing.lag + side * half, 0.0) for side in (-1, 1)]
+        text = (
+            f"{who} lag behind their commands by {timing.lag * 1e3:.0f} ms "
+            f"(95 %: {1e3 * ends[0]:.0f} to {1e3 * ends[1]:.0f})"
+        )
+        data = {"seconds": timing.lag, "interval": ends}
+        found.append(Finding("note", "lag", "", text, data=data))
     return found

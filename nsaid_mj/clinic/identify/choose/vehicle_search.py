@@ -18,10 +18,11 @@ from ..residuals import Suspect
 from ..result import JointStructure, Options, Structured
 from ..unmodelled_effects import command_suspects
 from ..vehicles import VehicleRows
+from .clocks import clock_offset
 from .columns import EXTRA
 from .cutoff import NARROWER, filter_for
 from .options import CUTOFF, FURTHER_COLUMNS, improves
-from .timing import Timing, search
+from .timing import Timed, Timing, search
 
 _ROUNDS = 3  # of choosing timing and cut-off in turn
 _FEWEST = 200  # rows per velocity that a lower cut-off must leave
@@ -63,12 +64,14 @@ def structured_vehicle(
     trials = [rows] if options.cutoff is not None else _narrower(rows)
     rows = trials[len(trials) // 2]
     for _ in range(_ROUNDS):
-        timing, others, findings = _timing(rows, columns, options.delay, report)
+        timed = _timing(rows, columns, options.delay, report)
+        timing = timed.timing
         report("choosing the cut-off")
         before = rows
         rows = _most_informative(trials, columns, timing)
         if rows is before:
             break
+    findings = list(timed.findings)
     if options.columns is None:
         report("choosing columns")
         columns, notes = _richer(rows, timing)
@@ -88,13 +91,16 @@ def structured_vehicle(
             remedy = "Record in still water or air, or with the speed relative to it as `linear`."
             yield Suspect("a steady current or wind", "", flow, remedy)
 
-    own = tuple(sorted(columns))
-    late = float(np.median(rows.delays(timing)))
+    parts = {
+        "columns": tuple(sorted(columns)),
+        "delay": float(np.median(rows.delays(timing))),
+        "delay_interval": timed.delay,
+    }
     return Structured(
         problem,
-        _alternatives(rows, columns, timing, others),
+        _alternatives(rows, columns, timing, timed.others),
         checked,
-        tuple(JointStructure(name, columns=own, delay=late) for name in rate_labels(rows.system)),
+        tuple(JointStructure(name, **parts) for name in rate_labels(rows.system)),
         tuple(findings),
         rows.chosen.cutoff,
         rows.delays(timing),
@@ -123,13 +129,21 @@ def _timing(
     columns: frozenset[str],
     delay: Array | None,
     report: Callable[[str], None],
-) -> tuple[Timing, list[Timing], list[Finding]]:
-    """The timing for rows, equally plausible ones, and notes; a given `delay` (k,) is kept."""
+) -> Timed:
+    """The timing for rows; a given `delay` (k,) is kept."""
     if delay is not None:
-        return Timing(delay), [], []
+        return Timed(Timing(delay), [], [])
     cost = _cost(rows, columns, Timing())
     free = [0, *([1] if rows.rotors or rows.others else []), *([2] if rows.rotors else [])]
-    return search(lambda x: cost(columns, x), rows.robot.joints, free, report)
+
+    def offset() -> float | None:
+        problem = rows.problem(columns, Timing())
+        acting = problem.actuation(problem.prior)
+        needed = acting - problem.residual(problem.prior)
+        return clock_offset(needed, acting, rows.t, rows.segment)
+
+    period = 1 / rows.recordings.rate
+    return search(lambda x: cost(columns, x), rows.robot.joints, free, report, period, offset)
 
 
 def _with_cutoff(rows: VehicleRows, share: float) -> VehicleRows:
