@@ -14,7 +14,10 @@ forward selection, the one that explains most first, until no other is significa
 Sensor noise enters both residuals and Z, which therefore correlate even without an effect. With
 independent noise of the same variance added to both, that part of the score s doubles in s': 2 s −
 s' is free of it (simulation extrapolation; Cook and Stefanski, Journal of the American Statistical
-Association 89(428), 1994).
+Association 89(428), 1994). Other noise is not known to be that of the motion or of the commands. A
+suspect that can be computed from either therefore counts by the score, of both, that is closer to
+0, and by 0 if they differ in sign: one of them is free of the noise. Its size is that of the
+columns which do not contain the residual itself; with it, they would explain anything.
 """
 
 from __future__ import annotations
@@ -27,7 +30,7 @@ import scipy.linalg
 import scipy.special
 
 from ...base import Finding
-from ...core import Array
+from ...core import Array, Indices
 from ...lab import INTERVAL
 from ...report import Explains
 from .fit import Precision, cost_of, gramians
@@ -55,6 +58,13 @@ class Suspect(NamedTuple):
     columns: Array  # (N, n, c) its contribution to the rows, up to c unknown coefficients
     remedy: str  # what to do about it
     size: Callable[[float], str] | None = None  # in words, if γ has a meaning and is positive
+    # (N, n, c) the same computed from the other of motion and commands; None if there is no other
+    other: Array | None = None
+
+    def thinned(self, rows: Indices) -> Suspect:
+        """The suspect in some of the rows."""
+        other = None if self.other is None else self.other[rows]
+        return self._replace(columns=self.columns[rows], other=other)
 
 
 class Followed(NamedTuple):
@@ -86,8 +96,7 @@ def followed(
     share = share / every
     own = _Rows(problem.select(thin) if every > 1 else problem, theta, share)
     copies = [own]
-    thinned = (s._replace(columns=s.columns[thin]) for s in suspects)
-    left = [(s, [own.outside(s.columns, s.columns)]) for s in thinned]
+    left = [(s, [own.outside(s, s)]) for s in (suspect.thinned(thin) for suspect in suspects)]
     level = _CHANCE / max(len(left), 1)
     entered: list[tuple[Suspect, float, Array]] = []
     while left and len(entered) < _MOST:
@@ -99,7 +108,7 @@ def followed(
             other, again = noisier(theta)
             copies.append(_Rows(other.select(thin), theta, share, own.weight))
             for (suspect, rest), noisy in zip(left, again, strict=True):
-                rest.append(copies[1].outside(noisy.columns[thin], suspect.columns))
+                rest.append(copies[1].outside(noisy.thinned(thin), suspect))
             continue
         best = max(np.flatnonzero(beyond), key=lambda i: trials[i].gained)
         suspect = left[best][0]
@@ -241,13 +250,14 @@ class _Rows:
         """(N n, c) columns (N, n, c) times the rows' weights."""
         return (columns * self.weight[:, :, None]).reshape(-1, columns.shape[2])
 
-    def outside(self, columns: Array, unit: Array) -> Array:
-        """(N n, c) the columns orthogonal to the fit's, over the lengths of `unit`.
+    def outside(self, suspect: Suspect, unit: Suspect) -> Array:
+        """(N n, c or 2 c) a suspect's columns orthogonal to the fit's, over the lengths of `unit`'s.
 
-        Columns and `unit` are (N, n, c).
+        Those computed otherwise follow if there are any.
         """
-        length = np.maximum(np.linalg.norm(self.weighed(unit), axis=0), 1e-300)
-        return _outside(self.weighed(columns) / length, self._own)
+        length = np.maximum(np.linalg.norm(self.weighed(unit.columns), axis=0), 1e-300)
+        every = [suspect.columns, *([] if suspect.other is None else [suspect.other])]
+        return _outside(np.hstack([self.weighed(each) / length for each in every]), self._own)
 
     @property
     def power(self) -> Array:
@@ -264,23 +274,39 @@ class _Rows:
 
 
 def _trial(copies: list[_Rows], suspect: Suspect, rest: list[Array]) -> _Trial:
-    """The effect of a suspect, with columns `rest` (N n, c) orthogonal to the fit's in every copy.
+    """The effect of a suspect, with columns `rest` orthogonal to the fit's in every copy.
 
-    Of two copies, scores are extrapolated to no noise.
+    They are (N n, c), or (N n, 2 c) with those computed otherwise. Of two copies, scores are
+    extrapolated to no noise.
     """
-    values, vectors = scipy.linalg.eigh(rest[0].T @ rest[0])
+    c = suspect.columns.shape[2]
+    values, vectors = scipy.linalg.eigh(rest[0][:, :c].T @ rest[0][:, :c])
     kept = values > _OUTSIDE
     combine = vectors[:, kept] / np.sqrt(values[kept])
-    bases = [columns @ combine for columns in rest]
-    scores = [basis * copy.residual for basis, copy in zip(bases, copies, strict=True)]
-    own = scores[0] if len(scores) == 1 else 2 * scores[0] - scores[1]
-    gained = own.sum(axis=0)
+    bases = [columns[:, :c] @ combine for columns in rest]
+    scores = _extrapolated([basis * x.residual for basis, x in zip(bases, copies, strict=True)])
+    if suspect.other is not None:
+        again = [r[:, c:] @ combine * x.residual for r, x in zip(rest, copies, strict=True)]
+        scores = _closer_to_zero(scores, _extrapolated(again))
+    gained = scores.sum(axis=0)
     impossible = suspect.size is not None and (combine @ gained > 0).any()
     if not kept.any() or impossible:
         return _Trial([basis[:, :0] for basis in bases], 0.0, 0.0, (1, 1))
-    F, degrees = _hotelling(own.reshape(-1, copies[0].n, own.shape[1]).sum(axis=1))
+    F, degrees = _hotelling(scores.reshape(-1, copies[0].n, scores.shape[1]).sum(axis=1))
     bases = [bases[0], *(np.linalg.qr(basis)[0] for basis in bases[1:])]
     return _Trial(bases, float(np.sum(gained**2)), F, degrees)
+
+
+def _extrapolated(scores: list[Array]) -> Array:
+    """The scores (N n, c) without noise, from those as measured and, if any, with noise doubled."""
+    return scores[0] if len(scores) == 1 else 2 * scores[0] - scores[1]
+
+
+def _closer_to_zero(scores: Array, others: Array) -> Array:
+    """(N n, c) the mixture of two kinds of scores whose sums are closest to 0."""
+    own = scores.sum(axis=0)
+    change = np.where(own == others.sum(axis=0), 1.0, own - others.sum(axis=0))
+    return scores + np.clip(own / change, 0.0, 1.0) * (others - scores)
 
 
 def _outside(Z: Array, basis: Array) -> Array:

@@ -39,12 +39,12 @@ def arm_suspects(
     model = with_inertias(rows.robot.model, links, 0 * rotor)  # rotors are columns of their own
     residual = problem.residual(theta)
     driven = -problem.actuation(theta)
-    either = zip(_of_forces(rows, driven + residual), _of_forces(rows, driven), strict=True)
+    either = zip(_of_forces(rows, driven), _of_forces(rows, driven + residual), strict=True)
     residual = np.where(problem.usable, residual, 0.0)
     for j, columns in enumerate(choice.columns):
         if "rotor" in columns:
             rotor[j] = theta[problem.space.index(f"rotor_{j + 1}")]
-    yield from (_between(needed, stated, residual) for needed, stated in either)
+    yield from (stated._replace(other=needed.columns) for stated, needed in either)
     yield from _own(rows, choice)
     torque = rows.links @ links
     names = rows.robot.joints
@@ -66,9 +66,8 @@ def arm_suspects(
         remedy = "Check the encoder's zero against the model's."
         yield Suspect("an offset of its position", name, zero, remedy)
         remedy = "Check the gear ratio and the unit of its position in the map."
-        ratio = Suspect("a scale error of its position", name, scale, remedy)
-        stated = ratio._replace(columns=ratio.columns - answered[:, :, j, None])
-        yield _between(ratio, stated, residual)
+        driven = scale - answered[:, :, j, None]
+        yield Suspect("a scale error of its position", name, scale, remedy, other=driven)
         first, second = twists[:, j, :, None, None].swapaxes(0, 1)
         behind = -(torque[:, j, None, None] * zero + first * by_v + second * by_a)
         remedy = "Its gear, belt or shaft yields: identify from slower motion."
@@ -103,19 +102,6 @@ def _of_forces(rows: JointRows, force: Array) -> Iterator[Suspect]:
         yield Suspect("the rate of its force", name, _on(j, force.shape[1], rates[:, j]), remedy)
     each = force[:, :, None] * np.eye(force.shape[1])
     yield from command_suspects(rows.t, each, rows.robot.joints)
-
-
-def _between(needed: Suspect, stated: Suspect, residual: Array) -> Suspect:
-    """A suspect with the columns, of those of two forces, least correlated with residuals (N, n).
-
-    The force computed from the motion has the noise of the acceleration, that of the command the
-    noise of the current. The residual contains both, and therefore correlates with its own second
-    derivative; a true effect is significant whichever of the two forces makes up its columns.
-    """
-    own, other = (np.einsum("ni,nic->ic", residual, s.columns) for s in (needed, stated))
-    change = np.where(own == other, 1.0, own - other)
-    share = np.clip(own / change, 0.0, 1.0)
-    return needed._replace(columns=needed.columns + share * (stated.columns - needed.columns))
 
 
 def command_suspects(t: Array, forces: Array, names: Sequence[str]) -> Iterator[Suspect]:

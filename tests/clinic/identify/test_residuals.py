@@ -27,15 +27,17 @@ from nsaid_mj.clinic.identify.problem import FitProblem
 from nsaid_mj.clinic.identify.residuals import (
     Followed,
     Suspect,
+    _closer_to_zero,
     doubts,
     followed,
     widened,
     with_doubts,
 )
-from nsaid_mj.clinic.identify.unmodelled_effects import _answered, _between
+from nsaid_mj.clinic.identify.unmodelled_effects import _answered
 from nsaid_mj.clinic.logs.recordings import LogSegment, Recordings
 from nsaid_mj.core.log import Log
 from tests.clinic.identify.test_fit import TRUE, problem_of
+from tests.court.field_findings import healthy
 from tests.support.robot_logs import Flaw, arm_log, motion, two_joints, write_csv
 
 # -- the test of residuals, on rows whose flaw is known -------------------------------------------
@@ -189,10 +191,10 @@ def test_noise_of_either_force_is_not_followed_by_its_own_derivative():
         return np.gradient(np.gradient(force, t, axis=0), t, axis=0)
 
     def score(needed: np.ndarray, stated: np.ndarray) -> float:
-        one, other = (Suspect("its rate", "1", bent(x)[:, :, None], "") for x in (needed, stated))
         residual = needed - stated
-        z = _between(one, other, residual).columns[:, 0, 0]
-        return float(z @ residual[:, 0] / np.linalg.norm(z) / np.linalg.norm(residual[:, 0]))
+        own, other = (bent(x)[:, [0]] for x in (stated, needed))
+        z = _closer_to_zero(own * residual[:, [0]], other * residual[:, [0]])
+        return float(z.sum() / np.linalg.norm(own) / np.linalg.norm(residual[:, 0]))
 
     assert abs(score(force + noises[0], force)) < 0.05
     assert abs(score(force, force + noises[0])) < 0.05
@@ -213,6 +215,33 @@ def test_noise_of_the_acceleration_is_told_from_a_ratio_by_the_commands():
     residual = np.einsum("kij,kj->ki", inertia + np.diag(rotor), noise)
     found = _answered(rows, model, rotor, residual)
     np.testing.assert_allclose(found, inertia * noise[:, None, :], rtol=1e-9, atol=1e-12)
+
+
+def test_a_suspect_is_not_convicted_by_the_residual_in_its_columns():
+    """Nearly a column of the fit, beside which the residual is all that is left of it."""
+    problem, true, _ = bent(0.8)
+    fit, exact, _ = left_in(problem)
+    residual = problem.residual(fit.theta)
+    nearly = problem.Y[:, :, [0]] + 0.1 * np.random.default_rng(0).normal(size=true.columns.shape)
+    with_it = nearly + 2 * residual[:, :, None]
+    suspect = Suspect("a scale error", "1", nearly, "", other=with_it)
+    assert not followed(problem, fit.theta, exact.covariance, np.ones(2), [suspect])
+    blamed = followed(
+        problem,
+        fit.theta,
+        exact.covariance,
+        np.ones(2),
+        [suspect._replace(columns=with_it, other=None)],
+    )
+    assert blamed[0].share[0] > 0.9
+
+
+@pytest.mark.parametrize(("seed", "joints"), [(21, 1), (71, 1), (72, 1), (63, 3)])
+def test_gentle_motion_with_slow_noise_is_no_scale_error(tmp_path, seed, joints):
+    twin = healthy(two_joints([f"joint_{k}" for k in range(joints)]), seed)
+    log = twin.write(tmp_path / "log.csv")
+    found = identify_forces(twin.robot, log, known={"gain_1": twin.true["gain_1"]})
+    assert not [f for f in found.findings if "a scale error" in f.text]
 
 
 # -- whole logs -----------------------------------------------------------------------------------
