@@ -1,14 +1,14 @@
 """Drawn twins of what users' logs hold, by inverse dynamics: gentle motion, loads, and rests.
 
-A twin is a robot, logs of it as columns of a table, and its true parameters. The motion is a sum of
-sines whose rms speed is drawn; links, rotors and friction are drawn about the model file's; currents
-and positions have noise; what else the robot does is in the arguments.
+A twin is a robot, logs of it as columns of a table, and its true parameters. The motion is a sum
+of sines whose rms speed is drawn; links, rotors and friction are drawn about the model file's;
+currents and positions have noise; what else the robot does is in the arguments.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np

@@ -14,20 +14,19 @@ from ..logs.recordings import Recordings
 from ..logs.unusable import UnusableLog
 from .choose.structured import structured
 from .fit import Fit, Precision, minimise, precision, tempered, tempered_fit
+from .hypotheses import without_contradicted
 from .identifiability import (
     combinations_in_words,
     common_scale,
     idle_values,
+    informed,
     parameters_in_words,
-    rescaled,
     suggest,
-    verdict,
-    with_known,
 )
 from .joints import TRUSTED, nearest_friction
 from .links import check_loads, payloads
 from .problem import FitProblem, folds, least_squares
-from .residuals import Followed, doubts, followed, widened, with_doubts
+from .residuals import Followed, doubts, followed, widened
 from .result import (
     BatchFit,
     Curves,
@@ -38,6 +37,7 @@ from .result import (
     recording_shifts,
     statistics_of,
 )
+from .verdict import verdict
 
 _FOLDS = 5
 _POOR = 0.5  # NRMSE above which a joint's motion is not explained
@@ -66,7 +66,7 @@ def calibrate(
     check_loads(options.loads, [segment.source for segment in recordings.segments])
     for payload in payloads(robot.model, options.loads):
         known |= payload.known
-    found = [*robot.findings, *recordings.findings]
+    found = [*options.contradicted, *robot.findings, *recordings.findings]
     if validation is not None:
         found += [f for f in validation.findings if f not in found]
     _refuse(found)
@@ -74,7 +74,12 @@ def calibrate(
     found += made.findings
     _refuse(found)
     report("fitting and estimating intervals")
-    fitted = _estimated(robot, made, known)
+    fitted = _estimated(robot, made, known, options.apart)
+    if known:
+        report("comparing what is told with the log and the model file")
+        other = without_contradicted(robot, recordings, fitted, options)
+        if other is not None:
+            return calibrate(robot, recordings, validation, other, report)
     theta = fitted.fit.theta
     covariance = fitted.exact.covariance
     tried = made.suspects(theta)
@@ -99,16 +104,23 @@ def calibrate(
     return result
 
 
-def _estimated(robot: RobotModel, made: Structured, known: Mapping[str, float]) -> BatchFit:
-    """The fit of a structure with known values, and its precision."""
+def _estimated(
+    robot: RobotModel, made: Structured, known: Mapping[str, float], apart: float
+) -> BatchFit:
+    """The fit of a structure with known values, and its precision.
 
-    def informed(each: FitProblem) -> FitProblem:
-        return with_known(rescaled(each, known) if robot.weightless else each, known)
+    `apart` is a relative standard deviation of the scale beside that of the prior.
+    """
 
-    problem = informed(made.problem)
+    def own(each: FitProblem) -> FitProblem:
+        return informed(each, known, robot.weightless)
+
+    problem = own(made.problem)
     fit, share = tempered_fit(problem)
     exact = precision(problem, fit, share)
-    changes = [_change(problem, fit, informed(other), share) for other in made.alternatives]
+    changes = [_change(problem, fit, own(other), share) for other in made.alternatives]
+    if apart:
+        changes.append(apart * fit.theta)
     if changes:
         exact = exact._replace(structure=np.array(changes))
     return BatchFit(made, problem, fit, exact, share)
@@ -161,8 +173,7 @@ def _identification(
     stated = bool((gain_spread < TRUSTED).all())
     scale = common_scale(problem, exact, fit.theta, stated, robot.weightless, known)
     found = [*found, *idle_values(problem, scale, known)]
-    judged = verdict(joints, robot.jointed)
-    explains, sentence = scale.judged(*with_doubts(*judged, found))
+    explains, sentence = verdict(joints, found, scale, robot.jointed)
     common = np.zeros(2 * fit.theta.shape) if scale.fixed else scale.weights
     parameters = parameters_in_words(problem, fit, exact, gain_spread, common)
     checked = None

@@ -14,10 +14,10 @@ import numpy as np
 from ...base import Finding, InvalidInput, UnknownName
 from ...core import Array, ParameterSpace
 from ...lab import INTERVAL
-from ...report import Explains, Parameter, Status
+from ...report import Parameter, Status
 from .fit import Combinations, Fit, Precision, combinations
 from .problem import FitProblem
-from .result import Combination, JointStructure
+from .result import Combination
 
 _EXCITED = 0.5  # expected gain of information, in prior variances, that counts as excitation
 _NARROWED = 0.6  # deviation of a relative gain over the prior's, below which it is identified
@@ -26,8 +26,6 @@ _BLUNT = 0.1
 _ABSOLUTE = 0.5  # relative half-width beyond which a gain's own value is not identified
 _TERMS = 6  # terms of a combination that are written out
 _TRADED = " over its gain"  # of a gain that its joint's friction may stand for
-_GOOD = 0.2  # held-out NRMSE
-_FAIR = 0.5
 
 
 def parameters_in_words(
@@ -163,48 +161,6 @@ def combinations_in_words(
     return tuple(found)
 
 
-def verdict(joints: tuple[JointStructure, ...], arm: bool = True) -> tuple[Explains, str]:
-    """Whether the structure explains the log, and the verdict in a sentence.
-
-    With `arm` the parts are joints; a vehicle has velocities.
-    """
-    of = "joints" if arm else "velocities"
-    joints = tuple(j for j in joints if np.isfinite(j.held_out))
-    if not joints:
-        return "no", "No part of the log could be predicted from the others: it is too short."
-    held_out = np.array([j.held_out for j in joints])
-    figures = (
-        f"on held-out data it misses {_range(held_out)} of the commands' variation "
-        "(100 %: no better than the mean)"
-    )
-    values = np.fmax(held_out, [np.nan if j.validation is None else j.validation for j in joints])
-    good = int(np.sum(values < _GOOD))
-    worst = joints[int(np.argmax(values))]
-    checked = [j.validation for j in joints if j.validation is not None]
-    if np.isfinite(checked).any():
-        figures += f"; on the validation log {_range(np.array(checked))}"
-    n = len(joints)
-    if not (values < _FAIR).all():
-        poor = [j.name for j, value in zip(joints, values, strict=True) if not value < _FAIR]
-        explains: Explains = "no" if len(poor) > n / 2 else "partly"
-        return explains, (
-            f"The structure does not explain the motion of {', '.join(poor)}: {figures}. "
-            f"Do not trust parameters of these {of}."
-        )
-    if good == n:
-        return "yes", f"The structure explains the log: {figures}."
-    return "partly", (
-        f"The structure explains {good} of {n} {of} well and the others roughly, "
-        f"worst {worst.name}: {figures}."
-    )
-
-
-def _range(nrmse: Array) -> str:
-    """The least and the largest error, in percent."""
-    ends = dict.fromkeys(f"{100 * end:.2g}" for end in (np.nanmin(nrmse), np.nanmax(nrmse)))
-    return f"{' to '.join(ends)} %"
-
-
 def suggest(problem: FitProblem, exact: Precision, parameters: tuple[Parameter, ...]) -> str:
     """The one number that, if known, would narrow the intervals of the gains most."""
     at = problem.space.actuators
@@ -266,15 +222,10 @@ class Scale(NamedTuple):
         """Half the 95 % interval of the scale, as a factor."""
         return float(np.exp(INTERVAL * self.deviation))
 
-    def judged(self, explains: Explains, sentence: str) -> tuple[Explains, str]:
-        """A verdict and its sentence, limited by the scale."""
-        if self.fixed or explains == "no":
-            return explains, sentence
-        each = f" within each of the {self.limbs} limbs" if self.limbs > 1 else ""
-        return "partly", (
-            f"{sentence} The overall scale rests on {self.words.partition(':')[0]}: ratios of "
-            f"parameters hold{each}, absolute values only to a factor of {self.factor:.2g}."
-        )
+    @property
+    def remedy(self) -> str:
+        """What would fix it."""
+        return _REMEDY.format(" of each limb" if self.limbs > 1 else "")
 
 
 def common_scale(
@@ -322,7 +273,7 @@ def with_known(problem: FitProblem, known: Mapping[str, float]) -> FitProblem:
     fixed = problem.known.copy()
     space = problem.space
     for name, value in known.items():
-        index = _index(problem, name)
+        index = index_of(problem, name)
         place = next(p for _, p in space if p.start <= index < p.stop)
         mass = space.geometries[index] == "pseudo_inertia" and index == place.start
         positive = mass or space.geometries[index] == "positive"
@@ -345,12 +296,18 @@ def _share(problem: FitProblem, index: int) -> float:
     return float(np.clip(parts[own].sum() / parts.sum(), 0.0, 1.0))
 
 
-def _index(problem: FitProblem, name: str) -> int:
+def index_of(problem: FitProblem, name: str) -> int:
+    """The index of a parameter by name or label; raises `UnknownName` if there is none."""
     space = problem.space
     names = space.names if name in space.names else space.labels
     if name not in names:
         raise UnknownName("parameter", name, [*space.names, *space.labels])
     return list(names).index(name)
+
+
+def informed(problem: FitProblem, known: Mapping[str, float], weightless: bool) -> FitProblem:
+    """The problem with known values, of a model file with or without masses; see `with_known`."""
+    return with_known(rescaled(problem, known) if weightless else problem, known)
 
 
 def rescaled(problem: FitProblem, known: Mapping[str, float]) -> FitProblem:
@@ -372,7 +329,7 @@ def idle_values(problem: FitProblem, scale: Scale, known: Mapping[str, float]) -
     combined = combinations(problem)
     found = []
     for name, value in known.items():
-        index = _index(problem, name)
+        index = index_of(problem, name)
         why = "it has no effect in the log"
         share = _share(problem, index)
         members = combined.members(index)
@@ -393,6 +350,5 @@ def idle_values(problem: FitProblem, scale: Scale, known: Mapping[str, float]) -
             f"absolute values hold to a factor of {scale.factor:.2g}"
         )
         data = {"share": share}
-        remedy = _REMEDY.format(" of each limb" if scale.limbs > 1 else "")
-        found.append(Finding("warning", "known_in_combination", label, text, remedy, data))
+        found.append(Finding("warning", "known_in_combination", label, text, scale.remedy, data))
     return found

@@ -32,7 +32,6 @@ import scipy.special
 from ...base import Finding
 from ...core import Array, Indices
 from ...lab import INTERVAL
-from ...report import Explains
 from .fit import Precision, cost_of, gramians
 from .problem import FitProblem, mean_squares
 
@@ -184,18 +183,6 @@ def doubts(
     return findings
 
 
-def with_doubts(explains: Explains, sentence: str, findings: list[Finding]) -> tuple[Explains, str]:
-    """The verdict, at most "partly" if a suspect matters."""
-    serious = [f for f in findings if f.level == "warning" and f.code == "residuals"]
-    if explains == "no" or not serious:
-        return explains, sentence
-    words = "; ".join(f"{f.where or 'all joints'}: {f.text}. {f.remedy}" for f in serious)
-    return "partly", (
-        f"{sentence} The residuals are not random, so the intervals are only as good as "
-        f"the structure. {words}"
-    )
-
-
 class _Trial(NamedTuple):
     """The effect of adding a suspect."""
 
@@ -251,7 +238,7 @@ class _Rows:
         return (columns * self.weight[:, :, None]).reshape(-1, columns.shape[2])
 
     def outside(self, suspect: Suspect, unit: Suspect) -> Array:
-        """(N n, c or 2 c) a suspect's columns orthogonal to the fit's, over the lengths of `unit`'s.
+        """(N n, c or 2 c) a suspect's columns orthogonal to the fit's, over lengths of `unit`'s.
 
         Those computed otherwise follow if there are any.
         """

@@ -31,9 +31,10 @@ from nsaid_mj.clinic.identify.residuals import (
     doubts,
     followed,
     widened,
-    with_doubts,
 )
+from nsaid_mj.clinic.identify.result import JointStructure
 from nsaid_mj.clinic.identify.unmodelled_effects import _answered
+from nsaid_mj.clinic.identify.verdict import verdict
 from nsaid_mj.clinic.logs.recordings import LogSegment, Recordings
 from nsaid_mj.core.log import Log
 from tests.clinic.identify.test_fit import TRUE, problem_of
@@ -144,11 +145,12 @@ def test_what_matters_is_a_warning_and_ends_a_yes():
     (found,) = doubts(problem, exact, left, np.array([0.05, 0.05]))
     assert found.level == "warning" and "its temperature" in found.text and found.remedy == "Do."
     assert "rotor" in str(found.data["parameter"])
-    explains, sentence = with_doubts("yes", "All is well.", [found])
-    assert explains == "partly" and "its temperature" in sentence and "Do." in sentence
-    assert with_doubts("no", "Nothing.", [found]) == ("no", "Nothing.")
-    note = Finding("note", "residuals", "1", "the residuals follow the moon")
-    assert with_doubts("yes", "All is well.", [note]) == ("yes", "All is well.")
+    well, badly = ([JointStructure("1", held_out=x)] for x in (0.05, 0.9))
+    explains, sentence = verdict(well, [found])
+    assert explains == "partly" and "its temperature" in sentence and sentence.endswith("do.")
+    assert verdict(badly, [found])[0] == "no" and "do." in verdict(badly, [found])[1]
+    note = Finding("note", "residuals", "1", "the residuals follow the moon", "Look up.")
+    assert verdict(well, [note]) == verdict(well) and verdict(well)[0] == "yes"
 
 
 def test_what_explains_a_tenth_of_the_command_matters_even_if_nothing_moves():
