@@ -7,7 +7,7 @@ currents and positions have noise; what else the robot does is in the arguments.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -124,11 +124,11 @@ class Twin:
         number: int = 0,
         duration: float = 20.0,
         weight: Weight | None = None,
-        still: Sequence[int] = (),
+        moved: Mapping[int, float] | None = None,
     ) -> dict[str, Array]:
-        """The columns of a log, of a number that draws motion and noise.
+        """The columns of a log, of a number that draws motion and noise; `weight` is carried.
 
-        Joints of numbers `still`, from 0, are held at rest; `weight` is carried.
+        `moved` gives the size of the motion of some joints, by number from 0; others have 1.
         """
         rng = np.random.default_rng([self.seed, 33, number])
         t = np.arange(round(duration * _RATE)) / _RATE
@@ -139,22 +139,19 @@ class Twin:
             model.inertias[weight.joint] += pin.Inertia(weight.mass, place, ball.inertia)
         own = self.parameters
 
-        def moved(t: Array) -> tuple[Array, Array, Array]:
-            q, v, a = self._motion(t, number)
-            for j in still:
-                q[:, j], v[:, j], a[:, j] = q[0, j], 0.0, 0.0
-            return q, v, a
-
-        q, v, a = moved(t + self.delay)
+        size = np.ones(len(self.robot.joints))
+        for j, share in (moved or {}).items():
+            size[j] = share
+        q, v, a = (size * x for x in self._motion(t + self.delay, number))
         force = _torques(model, q, v, a) + own["rotor"] * a + own["viscous"] * v
         force += own["coulomb"] * np.tanh(v / _COULOMB_SPEED)
         if self.force is not None:
             force += self.force(q, v) * own["typical"]
-        typical = np.sqrt(np.mean(force**2, axis=0))
+        typical = own["typical"]
         force += self.noise * typical * rng.standard_normal(force.shape)
         slow = uniform_filter1d(rng.standard_normal(force.shape), round(0.2 * _RATE), axis=0)
         force += self.coloured * typical * slow / slow.std(axis=0)
-        q = moved(t)[0] + 0.3 * self.step * rng.standard_normal(force.shape)
+        q = size * self._motion(t, number)[0] + 0.3 * self.step * rng.standard_normal(force.shape)
         found = {"time": t}
         for j, name in enumerate(self.robot.joints):
             found[f"{name}_position"] = np.round(q[:, j] / self.step) * self.step

@@ -41,6 +41,7 @@ from .verdict import verdict
 
 _FOLDS = 5
 _POOR = 0.5  # NRMSE above which a joint's motion is not explained
+_RESTING = 0.2  # of the commands' variation in training: below it, a validation log hardly moves
 _DEFAULT = Options()
 
 
@@ -68,7 +69,7 @@ def calibrate(
         known |= payload.known
     found = [*options.contradicted, *robot.findings, *recordings.findings]
     if validation is not None:
-        found += [f for f in validation.findings if f not in found]
+        found += [f for f in _of_validation(validation) if f not in found]
     _refuse(found)
     made = structured(robot, recordings, validation, options, report)
     found += made.findings
@@ -218,12 +219,34 @@ def _joints(fitted: BatchFit, robot: RobotModel) -> tuple[JointStructure, ...]:
     errors = {"fit": problem.nrmse(theta), "held_out": held_out, "least_squares": plain}
     if made.checked is not None:
         least = least_squares(problem, theta[problem.space.actuators])
-        errors["validation"] = made.checked.nrmse(theta)
-        errors["validation_least_squares"] = made.checked.nrmse(least)
+        errors["validation"] = _validated(problem, made.checked, theta)
+        errors["validation_least_squares"] = _validated(problem, made.checked, least)
     return tuple(
         replace(velocity, **{key: float(values[j]) for key, values in errors.items()})
         for j, velocity in enumerate(made.velocities)
     )
+
+
+def _validated(problem: FitProblem, checked: FitProblem, theta: Array) -> Array:
+    """(n,) NRMSE of the rows of a validation log at θ (p,).
+
+    Where its commands hardly vary, as of a joint at rest, all of their variation may be noise; the
+    error is then relative to that of the training logs.
+    """
+    still = checked.forces(theta) < _RESTING * problem.forces(theta)
+    return np.where(still, checked.nrmse(theta, problem), checked.nrmse(theta))
+
+
+def _of_validation(validation: Recordings) -> list[Finding]:
+    """Its findings; those of a joint name the log, as all others are of the training logs."""
+    files = list(dict.fromkeys(s.source for s in validation.segments))
+    name = f"validation log {', '.join(files)}"
+    return [
+        f
+        if any(f.where.startswith(file) for file in files)
+        else replace(f, where=", ".join(filter(None, (name, f.where))))
+        for f in validation.findings
+    ]
 
 
 def structure_checks(names: tuple[str, ...], held_out: Array) -> list[Finding]:
