@@ -24,6 +24,7 @@ _NARROWED = 0.6  # deviation of a relative gain over the prior's, below which it
 _SHARP = 0.05  # relative deviations below and above which the prior does not matter
 _BLUNT = 0.1
 _ABSOLUTE = 0.5  # relative half-width beyond which a gain's own value is not identified
+_NOTHING = float(np.log(1000.0))  # half an interval of ln θ beyond which it says nothing
 _TERMS = 6  # terms of a combination that are written out
 _TRADED = " over its gain"  # of a gain that its joint's friction may stand for
 
@@ -46,12 +47,8 @@ def parameters_in_words(
     for index, (name, label, block, unit) in enumerate(rows):
         value = float(fit.theta[index])
         sd = float(deviation[index])
-        low = value - INTERVAL * sd
-        high = value + INTERVAL * sd
-        if value > 0 and (space.geometries[index] == "positive" or unit == "kg"):
-            factor = float(np.exp(min(INTERVAL * sd / value, 50.0)))
-            low = value / factor
-            high = value * factor
+        positive = value > 0 and (space.geometries[index] == "positive" or unit == "kg")
+        low, high = interval(value, sd, positive)
         relative = None
         others = "gains"
         if index in gains:
@@ -68,6 +65,17 @@ def parameters_in_words(
             Parameter(name, label, block, unit, value, low, high, prior, status, words, relative)
         )
     return tuple(found)
+
+
+def interval(value: float, sd: float, positive: bool) -> tuple[float, float]:
+    """The 95 % interval; of a `positive` value a factor, from 0 to infinity if it says nothing."""
+    half = INTERVAL * sd
+    if not positive:
+        return value - half, value + half
+    if half > _NOTHING * value:
+        return 0.0, np.inf
+    factor = float(np.exp(half / value))
+    return value / factor, value * factor
 
 
 def _status(
@@ -206,6 +214,10 @@ def suggest(problem: FitProblem, exact: Precision, parameters: tuple[Parameter, 
 _SURE = 0.15  # standard deviation of the scale's logarithm, that of commands in N·m, below which a
 # known value fixes it
 _REMEDY = "Give one motor's gain{}, or weigh a load that one of two logs carries: --load."
+_FURTHER = (
+    "The known value is not enough: give {} too, or weigh a load that one of two logs carries: "
+    "--load."
+)
 
 
 class Scale(NamedTuple):
@@ -216,6 +228,7 @@ class Scale(NamedTuple):
     fixed: bool  # whether commands or a known number fix it
     words: str  # its source, in words
     limbs: int  # number of limbs that only the base connects
+    remedy: str  # what would fix it
 
     @property
     def factor(self) -> float:
@@ -223,9 +236,11 @@ class Scale(NamedTuple):
         return float(np.exp(INTERVAL * self.deviation))
 
     @property
-    def remedy(self) -> str:
-        """What would fix it."""
-        return _REMEDY.format(" of each limb" if self.limbs > 1 else "")
+    def bounds(self) -> str:
+        """How well absolute values hold."""
+        if INTERVAL * self.deviation > _NOTHING:
+            return "absolute values are not determined"
+        return f"absolute values only to a factor of {self.factor:.2g}"
 
 
 def common_scale(
@@ -257,7 +272,20 @@ def common_scale(
         words = "guesses, as the model file has no masses: only ratios of parameters hold"
     else:
         words = "the masses of the model file: a calibrated gain or a weighed payload would fix it"
-    return Scale(slopes[problem.size.limb], deviation, fixed, words, len(slopes))
+    remedy = _REMEDY.format(" of each limb" if len(slopes) > 1 else "")
+    best = _telling(problem, exact, slopes, theta)
+    if known and best is not None:
+        remedy = _FURTHER.format(f"the {problem.space.labels[best]}")
+    return Scale(slopes[problem.size.limb], deviation, fixed, words, len(slopes), remedy)
+
+
+def _telling(problem: FitProblem, exact: Precision, slopes: Array, theta: Array) -> int | None:
+    """The gain, not known, that goes most with the least certain size; None if there is none."""
+    free = [i for i in problem.space.actuators.tolist() if not problem.known[i]]
+    size = max(slopes, key=exact.of)
+    C = exact.covariance
+    told = {i: float((C[i] @ size) ** 2 / max(C[i, i], 1e-300 * theta[i] ** 2)) for i in free}
+    return max(told, key=lambda i: told[i]) if told else None
 
 
 def with_known(problem: FitProblem, known: Mapping[str, float]) -> FitProblem:
@@ -347,7 +375,7 @@ def idle_values(problem: FitProblem, scale: Scale, known: Mapping[str, float]) -
         label = problem.space.labels[index]
         text = (
             f"the known value {value:g} does not fix the overall scale: {why}; {effect}, and "
-            f"absolute values hold to a factor of {scale.factor:.2g}"
+            f"{scale.bounds}"
         )
         data = {"share": share}
         found.append(Finding("warning", "known_in_combination", label, text, scale.remedy, data))

@@ -30,7 +30,7 @@ import scipy.linalg
 import scipy.special
 
 from ...base import Finding
-from ...core import Array, Indices
+from ...core import Array, Indices, ParameterSpace
 from ...lab import INTERVAL
 from .fit import Precision, cost_of, gramians
 from .problem import FitProblem, mean_squares
@@ -131,7 +131,7 @@ def followed(
         if suspect.size is not None and gamma[0] <= 0:  # with the others it is not possible
             continue
         pull = own.X_T @ own.weighed(Z)
-        shift = -covariance @ (pull @ gamma)
+        shift = _bounded(-covariance @ (pull @ gamma), theta, problem.space)
         found.append(Followed(suspect, explained, certain * shift, gamma))
     return tuple(found)
 
@@ -154,13 +154,7 @@ def doubts(
     """
     half = INTERVAL * exact.deviation
     space = problem.space
-    size = np.maximum(np.abs(exact.theta), 1e-300)
-    units = np.array(space.units)
-    for block, rows in space:
-        if block.geometry == "pseudo_inertia":  # of moments the largest: single ones depend on axes
-            own = size[rows]
-            for unit in np.unique(units[rows]):
-                own[units[rows] == unit] = own[units[rows] == unit].max()
+    size = _sizes(exact.theta, space)
     friction = ["friction" in block.name for block in space.blocks for _ in block.names]
     certain = (space.geometries != "free") & ~np.array(friction)
     stated = ~problem.known & certain & (half < _STATED * size)
@@ -175,12 +169,40 @@ def doubts(
             continue
         amount = f", {suspect.size(coefficients[0])}" if suspect.size else ""
         words = f", which would move {label} by {100 * moved:.0f} %" if moved > 0.01 else ""
+        if moved >= 1:
+            words = f", and {label} cannot be told from it"
         level = "warning" if beyond or explained > _EXPLAINED else "note"
         part = f"{100 * share.max():.0f} % of their variance"
         text = f"the residuals correlate with {suspect.words}{amount} ({part}{words})"
         data = {"share": float(share.max()), "moved": moved, "parameter": label}
         findings.append(Finding(level, "residuals", suspect.where, text, suspect.remedy, data))
     return findings
+
+
+def _sizes(theta: Array, space: ParameterSpace) -> Array:
+    """(p,) sizes of parameters: of moments the largest of a body, as single ones depend on axes."""
+    size = np.maximum(np.abs(theta), 1e-300)
+    units = np.array(space.units)
+    for block, rows in space:
+        if block.geometry == "pseudo_inertia":
+            own = size[rows]
+            for unit in np.unique(units[rows]):
+                own[units[rows] == unit] = own[units[rows] == unit].max()
+    return size
+
+
+def _bounded(shift: Array, theta: Array, space: ParameterSpace) -> Array:
+    """(p,) a shift by no more than the parameters' own sizes, but for those of either sign.
+
+    A suspect that the fit's columns nearly make up would shift them by many times that, which is
+    beyond what one linear step can tell: it says that they are not determined. Bodies are shifted
+    together, so that what the log tells of their sum remains.
+    """
+    kinds = space.geometries
+    size = np.where(kinds == "free", np.inf, _sizes(theta, space))
+    body = (kinds != "free") & (kinds != "positive")
+    most = float(np.max(np.abs(shift[body]) / size[body], initial=1.0))
+    return np.where(body, shift / most, np.clip(shift, -size, size))
 
 
 class _Trial(NamedTuple):

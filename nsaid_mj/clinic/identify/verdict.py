@@ -48,7 +48,7 @@ def verdict(
         each = f" within each of the {scale.limbs} limbs" if scale.limbs > 1 else ""
         sentence += (
             f" The overall scale rests on {scale.words.partition(':')[0]}: ratios of parameters "
-            f"hold{each}, absolute values only to a factor of {scale.factor:.2g}."
+            f"hold{each}, {scale.bounds}."
         )
     if told or doubts or unfixed:
         explains = min(explains, "partly", key=_ORDER.index)

@@ -1,0 +1,44 @@
+"""What is not determined is called that: no interval ends at a power of ten that says nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from nsaid_mj.clinic.identify.identifiability import interval
+from nsaid_mj.clinic.identify.identify import identify_forces
+from nsaid_mj.clinic.identify.residuals import _bounded
+from nsaid_mj.report import estimate
+from tests.clinic.identify.test_fit import TRUE, problem_of
+from tests.court.field_findings import Twin
+from tests.support.robot_logs import two_joints
+
+
+def test_an_interval_of_a_factor_of_a_thousand_says_nothing():
+    low, high = interval(2.0, 0.5, True)
+    assert low * high == pytest.approx(4.0) and high / low < 3
+    low, high = interval(2.0, 20.0, True)
+    assert (low, high) == (0.0, np.inf)
+    assert estimate(2.0, low, high) == ("2", "not determined")
+    assert interval(2.0, 20.0, False)[0] < 0 < interval(2.0, 20.0, False)[1] < np.inf
+
+
+def test_a_suspect_that_the_columns_make_up_shifts_them_by_their_own_size():
+    space = problem_of(0.1, 200).space
+    shift = _bounded(1e6 * np.ones(len(TRUE)), TRUE, space)
+    positive = space.geometries == "positive"
+    np.testing.assert_allclose(shift[positive], np.abs(TRUE[positive]))
+    np.testing.assert_array_equal(_bounded(0.1 * TRUE, TRUE, space), 0.1 * TRUE)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_spring_beside_weight_in_gentle_motion_ends_in_no_power_of_ten(tmp_path, seed):
+    twin = Twin(two_joints(), seed, speed=0.1, step=2e-5, noise=0.02, coloured=0.02)
+    log = twin.write(tmp_path / "log.csv")
+    known = {"gain_1": twin.true["gain_1"]}
+    found = identify_forces(twin.robot, log, columns=["spring"], known=known)
+    ends = np.array([(p.low, p.high) for p in found.parameters if p.high < np.inf])
+    assert np.abs(ends).max() < 1e6 and "e+" not in found.verdict
+    assert "give one motor's gain" not in found.verdict
+    said = " ".join(f.remedy for f in found.findings)
+    assert "Give one motor's gain" not in said
