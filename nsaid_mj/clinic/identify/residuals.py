@@ -59,6 +59,12 @@ class Suspect(NamedTuple):
     size: Callable[[float], str] | None = None  # in words, if γ has a meaning and is positive
     # (N, n, c) the same computed from the other of motion and commands; None if there is no other
     other: Array | None = None
+    most: float = np.inf  # largest |γ| of the first column that can be
+
+    def possible(self, coefficients: Array) -> bool:
+        """Whether its coefficients γ (c,) can be: of the right sign, and not too large."""
+        first = coefficients[0]
+        return bool(abs(first) <= self.most and (self.size is None or first > 0))
 
     def thinned(self, rows: Indices) -> Suspect:
         """The suspect in some of the rows."""
@@ -111,6 +117,11 @@ def followed(
             continue
         best = max(np.flatnonzero(beyond), key=lambda i: trials[i].gained)
         suspect = left[best][0]
+        if not suspect.possible(
+            own.coefficients([*(s.columns for s, *_ in entered), suspect.columns])[-1]
+        ):
+            del left[best]
+            continue
         bases = trials[best].bases
         before = own.power
         for copy, basis in zip(copies, bases, strict=True):
@@ -128,7 +139,7 @@ def followed(
     columns = [suspect.columns for suspect, _, _ in entered]
     coefficients = own.coefficients(columns)
     for (suspect, certain, explained), Z, gamma in zip(entered, columns, coefficients, strict=True):
-        if suspect.size is not None and gamma[0] <= 0:  # with the others it is not possible
+        if not suspect.possible(gamma):  # with the others
             continue
         pull = own.X_T @ own.weighed(Z)
         shift = _bounded(-covariance @ (pull @ gamma), theta, problem.space)

@@ -456,3 +456,17 @@ def test_rest_is_not_hidden_in_the_noise_of_a_velocity_column(tmp_path):
     (segment,) = prepared({"t": t} | named).segments
     assert np.mean(segment.usable) > 0.9
     assert segment.log.t[0] == pytest.approx(2, abs=0.2)
+
+
+def test_a_gear_does_not_twist_by_more_than_gears_can(tmp_path):
+    """Slow noise goes with the twist of a spring so soft that the link would swing by itself."""
+    twin = healthy(two_joints(), 106)
+    log = twin.write(tmp_path / "log.csv")
+    found = identify_forces(twin.robot, log, known={"gain_1": twin.true["gain_1"]})
+    assert not [f for f in found.findings if "elastic" in f.text]
+    problem, true, _ = bent(0.8)
+    fit, exact, _ = left_in(problem)
+    for most, count in ((0.5, 0), (1.2, 1)):
+        suspect = true._replace(most=most)
+        left = followed(problem, fit.theta, exact.covariance, np.ones(2), [suspect])
+        assert len(left) == count
