@@ -196,8 +196,8 @@ def identify_given(
     path.parent.mkdir(parents=True, exist_ok=True)
     model_file = path.with_name(f"{result.robot.name}.xml")
     write_servo_mjcf(result, model_file)
-    followed, replay = replayed(result, model_file, given, others)
-    result = replace(result, findings=(*result.findings, followed))
+    result, replay = replayed(result, model_file, given, others)
+    write_servo_mjcf(result, model_file)
     write_json(path, without_nonfinite(result.summary()))
     from ...base import RECORDING, installed
     from ...report import write_html
