@@ -175,33 +175,37 @@ def suggest(problem: FitProblem, exact: Precision, parameters: tuple[Parameter, 
     free = at[~problem.known[at]]
     if not len(free):
         return ""
-    C = exact.covariance
     value = np.array([p.value for p in parameters])
-    variance = np.diag(C)[free] / value[free] ** 2
+
+    def halves(precision: Precision, known: int) -> Array:
+        """Relative half-widths of the intervals of all gains but a known one, as printed."""
+        others = free[free != known]
+        return np.array([INTERVAL * precision.of(np.eye(len(value))[k]) for k in others]) / np.abs(
+            value[others]
+        )
+
     best = None
     gained = 0.0
+    ends = np.zeros(2)  # rms half-widths before and after
     masses = []
     for i, p in enumerate(parameters):
         if p.unit == "kg" and p.block != "rotor inertia" and p.status != "not excited":
             masses.append(i)
     for i in [*free.tolist(), *masses]:
-        if not C[i, i] > 0:
+        if not exact.covariance[i, i] > 0 or not (free != i).any():
             continue
-        others = free != i
-        left = variance - C[free, i] ** 2 / (C[i, i] * value[free] ** 2)
-        shares = 1 - left[others] / np.maximum(variance[others], 1e-300)
-        if others.any() and shares.mean() > gained:
+        before, after = (_mean_square(halves(each, i)) for each in (exact, exact.knowing(i)))
+        if 1 - after / before > gained:
             best = i
-            gained = float(shares.mean())
+            gained = 1 - after / before
+            ends = np.sqrt([before, after])
     weak = [p.label for p in parameters if p.block == "motor gain" and _TRADED in p.combination]
     words = ""
-    if best is not None and gained > 0.1:
-        before = INTERVAL * float(np.sqrt(np.mean(variance)))
-        after = before * float(np.sqrt(1 - gained))
+    if best is not None and gained > _WORTH:
         words = (
             f"One known number would help most: {parameters[best].label} "
             f"(`--known {parameters[best].name}=…`) narrows the other gains from about "
-            f"±{100 * before:.2g} % to ±{100 * after:.2g} %."
+            f"±{100 * ends[0]:.2g} % to ±{100 * ends[1]:.2g} %."
         )
     if weak:
         words += (
@@ -211,6 +215,11 @@ def suggest(problem: FitProblem, exact: Precision, parameters: tuple[Parameter, 
     return words.strip()
 
 
+def _mean_square(x: Array) -> float:
+    return float(np.mean(np.minimum(x, _NOTHING) ** 2))
+
+
+_WORTH = 0.1  # share of the squared half-widths that a suggestion must save
 _SURE = 0.15  # standard deviation of the scale's logarithm, that of commands in N·m, below which a
 # known value fixes it
 _REMEDY = "Give one motor's gain{}, or weigh a load that one of two logs carries: --load."

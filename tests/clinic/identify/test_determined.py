@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -42,3 +44,18 @@ def test_a_spring_beside_weight_in_gentle_motion_ends_in_no_power_of_ten(tmp_pat
     assert "give one motor's gain" not in found.verdict
     said = " ".join(f.remedy for f in found.findings)
     assert "Give one motor's gain" not in said
+
+
+@pytest.mark.parametrize(("seed", "coloured"), [(1, 0.02), (2, 0.1)])
+def test_a_suggestion_that_is_followed_comes_true(tmp_path, seed, coloured):
+    twin = Twin(two_joints(("a", "b", "c")), seed, speed=0.3, coloured=coloured)
+    log = twin.write(tmp_path / "log.csv")
+    before = identify_forces(twin.robot, log)
+    words = r"--known (gain_\d)=….*from about ±(\S+) % to ±(\S+) %"
+    said = re.search(words, before.suggestion)
+    assert said is not None
+    after = identify_forces(twin.robot, log, known={said[1]: twin.true[said[1]]})
+    for found, promised in ((before, said[2]), (after, said[3])):
+        others = [p for p in found.of("motor gain") if p.name != said[1]]
+        half = np.sqrt(np.mean([np.log(p.high / p.value) ** 2 for p in others]))
+        assert 100 * half == pytest.approx(float(promised), rel=0.15)
