@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, fields
 from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -122,12 +122,12 @@ def write(
         The page, whose result has findings about the exported model, too, and the files.
     """
     from ...base import without_nonfinite
-    from ..identify.export import write_models
+    from ..identify.export import with_trial, write_models
 
     folder.mkdir(parents=True, exist_ok=True)
     report("writing and trying the calibrated models")
     files, followed = write_models(result, folder)
-    result = replace(result, findings=(*result.findings, *followed))
+    result = with_trial(result, followed)
     write_json(folder / RESULT, without_nonfinite(result.summary()))
     report("writing the report")
     from ...report import write_html

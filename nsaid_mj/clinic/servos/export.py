@@ -153,12 +153,13 @@ def _stiff(mj: Any, servos: Sequence[Servo]) -> dict[str, float]:
         return {}
     data = mujoco.MjData(mj)
     rng = np.random.default_rng(0)
+    where = JointMap(mj, [servo.name for servo in servos])
+    limits = [mj.joint(servo.name) for servo in servos]
+    ends = np.array([j.range if mj.jnt_limited[j.id] else (-1.0, 1.0) for j in limits])
     own = np.full(mj.nv, np.inf)
     M = np.empty((mj.nv, mj.nv))
     for _ in range(_POSES):
-        for j in np.flatnonzero(mj.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE)):
-            ends = mj.jnt_range[j] if mj.jnt_limited[j] else (-1.0, 1.0)
-            data.qpos[mj.jnt_qposadr[j]] = rng.uniform(*ends)
+        where.write(data, rng.uniform(*ends.T), np.zeros(len(servos)))
         mujoco.mj_forward(mj, data)
         mujoco.mj_fullM(mj, data, M)
         own = np.minimum(own, np.diag(M) - mj.dof_armature)

@@ -7,6 +7,8 @@ import re
 import numpy as np
 import pytest
 
+from nsaid_mj.base import Finding
+from nsaid_mj.clinic.identify.export import with_trial
 from nsaid_mj.clinic.identify.identifiability import interval
 from nsaid_mj.clinic.identify.identify import identify_forces
 from nsaid_mj.clinic.identify.residuals import _bounded
@@ -59,3 +61,15 @@ def test_a_suggestion_that_is_followed_comes_true(tmp_path, seed, coloured):
         others = [p for p in found.of("motor gain") if p.name != said[1]]
         half = np.sqrt(np.mean([np.log(p.high / p.value) ** 2 for p in others]))
         assert 100 * half == pytest.approx(float(promised), rel=0.15)
+
+
+def test_an_exported_model_that_diverges_never_explains(tmp_path):
+    twin = Twin(two_joints(), 0)
+    log = twin.write(tmp_path / "log.csv", duration=10.0)
+    found = identify_forces(twin.robot, log, known={"gain_1": twin.true["gain_1"]})
+    assert found.explains == "yes"
+    for error, explains in ((1e-3, "yes"), (np.inf, "no")):
+        tried = Finding("note", "replay", "", "it was tried", "", {"exported": [1e-3, error]})
+        judged = with_trial(found, [tried])
+        assert judged.explains == explains and tried in judged.findings
+        assert ("diverges" in judged.verdict) == (explains == "no")
