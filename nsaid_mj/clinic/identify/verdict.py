@@ -17,6 +17,7 @@ from .result import JointStructure
 
 CONTRADICTED = "contradicted"
 """Code of findings that a log contradicts what the user told."""
+_CONFIRM = "Confirm it on a log of another motion: --validate."
 _GOOD = 0.2  # held-out NRMSE
 _FAIR = 0.5
 _ORDER: tuple[Explains, ...] = ("no", "partly", "yes")
@@ -53,6 +54,8 @@ def verdict(
     if told or doubts or unfixed:
         explains = min(explains, "partly", key=_ORDER.index)
     remedy = next(_remedies(told, doubts, findings, scale), "")
+    if explains == "yes" and all(joint.validation is None for joint in joints):
+        remedy = _CONFIRM
     return explains, f"{sentence} Next: {_lower(remedy)}" if remedy else sentence
 
 
