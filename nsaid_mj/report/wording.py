@@ -8,6 +8,8 @@ from ..core import ABSENT, number, rounded
 def estimate(value: float, low: float, high: float) -> tuple[str, str]:
     """An estimate and its 95 % interval, rounded to two digits of the interval's half-width."""
     half = (high - low) / 2
+    if low <= 0 and math.isinf(high):
+        return number(value), "not determined"
     if not math.isfinite(half) or half <= 0:
         return number(value), ABSENT if half == 0 else f"{number(low)} … {number(high)}"
     quantum = 10.0 ** (math.floor(math.log10(half)) - 1)

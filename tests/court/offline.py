@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from nsaid_mj.clinic.identify.identifiability import verdict
 from nsaid_mj.clinic.identify.identify import identify_forces
 from nsaid_mj.clinic.identify.result import Identification
+from nsaid_mj.clinic.identify.verdict import verdict
 from nsaid_mj.clinic.logs.unusable import UnusableLog
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.core.structure.joints import JointTree

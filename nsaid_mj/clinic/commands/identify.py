@@ -160,12 +160,12 @@ def write(
         The page, whose result has findings about the exported model, too, and the files.
     """
     from ...base import without_nonfinite
-    from ..identify.export import write_models
+    from ..identify.export import with_trial, write_models
 
     folder.mkdir(parents=True, exist_ok=True)
     report("writing and trying the calibrated models")
     files, followed = write_models(result, folder)
-    result = replace(result, findings=(*result.findings, *followed))
+    result = with_trial(result, followed)
     write_json(folder / RESULT, without_nonfinite(result.summary()))
     report("writing the report")
     from ...report import write_html
@@ -234,8 +234,8 @@ def identify_given(
     path.parent.mkdir(parents=True, exist_ok=True)
     model_file = path.with_name(f"{result.robot.name}.xml")
     write_servo_mjcf(result, model_file)
-    followed, replay = replayed(result, model_file, given, others)
-    result = replace(result, findings=(*result.findings, followed))
+    result, replay = replayed(result, model_file, given, others)
+    write_servo_mjcf(result, model_file)
     write_json(path, without_nonfinite(result.summary()))
     from ...base import RECORDING, installed
     from ...report import write_html

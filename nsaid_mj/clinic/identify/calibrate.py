@@ -14,20 +14,19 @@ from ..logs.recordings import Recordings
 from ..logs.unusable import UnusableLog
 from .choose.structured import structured
 from .fit import Fit, Precision, minimise, precision, tempered, tempered_fit
+from .hypotheses import without_contradicted
 from .identifiability import (
     combinations_in_words,
     common_scale,
     idle_values,
+    informed,
     parameters_in_words,
-    rescaled,
     suggest,
-    verdict,
-    with_known,
 )
 from .joints import TRUSTED, nearest_friction
 from .links import check_loads, payloads
 from .problem import FitProblem, folds, least_squares
-from .residuals import Followed, doubts, followed, widened, with_doubts
+from .residuals import Followed, doubts, followed, widened
 from .result import (
     BatchFit,
     Curves,
@@ -38,9 +37,11 @@ from .result import (
     recording_shifts,
     statistics_of,
 )
+from .verdict import verdict
 
 _FOLDS = 5
 _POOR = 0.5  # NRMSE above which a joint's motion is not explained
+_RESTING = 0.2  # of the commands' variation in training: below it, a validation log hardly moves
 _DEFAULT = Options()
 
 
@@ -66,15 +67,20 @@ def calibrate(
     check_loads(options.loads, [segment.source for segment in recordings.segments])
     for payload in payloads(robot.model, options.loads):
         known |= payload.known
-    found = [*robot.findings, *recordings.findings]
+    found = [*options.contradicted, *robot.findings, *recordings.findings]
     if validation is not None:
-        found += [f for f in validation.findings if f not in found]
+        found += [f for f in _of_validation(validation) if f not in found]
     _refuse(found)
     made = structured(robot, recordings, validation, options, report)
     found += made.findings
     _refuse(found)
     report("fitting and estimating intervals")
-    fitted = _estimated(robot, made, known)
+    fitted = _estimated(robot, made, known, options.apart)
+    if known:
+        report("comparing what is told with the log and the model file")
+        other = without_contradicted(robot, recordings, fitted, options)
+        if other is not None:
+            return calibrate(robot, recordings, validation, other, report)
     theta = fitted.fit.theta
     covariance = fitted.exact.covariance
     tried = made.suspects(theta)
@@ -99,17 +105,24 @@ def calibrate(
     return result
 
 
-def _estimated(robot: RobotModel, made: Structured, known: Mapping[str, float]) -> BatchFit:
-    """The fit of a structure with known values, and its precision."""
+def _estimated(
+    robot: RobotModel, made: Structured, known: Mapping[str, float], apart: float
+) -> BatchFit:
+    """The fit of a structure with known values, and its precision.
 
-    def informed(each: FitProblem) -> FitProblem:
-        return with_known(rescaled(each, known) if robot.weightless else each, known)
+    `apart` is a relative standard deviation of the scale beside that of the prior.
+    """
 
-    problem = informed(made.problem)
+    def own(each: FitProblem) -> FitProblem:
+        return informed(each, known, robot.weightless)
+
+    problem = own(made.problem)
     fit, share = tempered_fit(problem)
     exact = precision(problem, fit, share)
-    changes = [_change(problem, fit, informed(other), share) for other in made.alternatives]
-    changes += [_change(problem, fit, informed(other), share, True) for other in made.rivals]
+    changes = [_change(problem, fit, own(other), share) for other in made.alternatives]
+    changes += [_change(problem, fit, own(other), share, True) for other in made.rivals]
+    if apart:
+        changes.append(apart * fit.theta)
     if changes:
         exact = exact._replace(structure=np.array(changes))
     return BatchFit(made, problem, fit, exact, share)
@@ -162,8 +175,7 @@ def _identification(
     stated = bool((gain_spread < TRUSTED).all())
     scale = common_scale(problem, exact, fit.theta, stated, robot.weightless, known)
     found = [*found, *idle_values(problem, scale, known)]
-    judged = verdict(joints, robot.jointed)
-    explains, sentence = scale.judged(*with_doubts(*judged, found))
+    explains, sentence = verdict(joints, found, scale, robot.jointed)
     common = np.zeros(2 * fit.theta.shape) if scale.fixed else scale.weights
     parameters = parameters_in_words(problem, fit, exact, gain_spread, common)
     checked = None
@@ -208,12 +220,34 @@ def _joints(fitted: BatchFit, robot: RobotModel) -> tuple[JointStructure, ...]:
     errors = {"fit": problem.nrmse(theta), "held_out": held_out, "least_squares": plain}
     if made.checked is not None:
         least = least_squares(problem, theta[problem.space.actuators])
-        errors["validation"] = made.checked.nrmse(theta)
-        errors["validation_least_squares"] = made.checked.nrmse(least)
+        errors["validation"] = _validated(problem, made.checked, theta)
+        errors["validation_least_squares"] = _validated(problem, made.checked, least)
     return tuple(
         replace(velocity, **{key: float(values[j]) for key, values in errors.items()})
         for j, velocity in enumerate(made.velocities)
     )
+
+
+def _validated(problem: FitProblem, checked: FitProblem, theta: Array) -> Array:
+    """(n,) NRMSE of the rows of a validation log at θ (p,).
+
+    Where its commands hardly vary, as of a joint at rest, all of their variation may be noise; the
+    error is then relative to that of the training logs.
+    """
+    still = checked.forces(theta) < _RESTING * problem.forces(theta)
+    return np.where(still, checked.nrmse(theta, problem), checked.nrmse(theta))
+
+
+def _of_validation(validation: Recordings) -> list[Finding]:
+    """Its findings; those of a joint name the log, as all others are of the training logs."""
+    files = list(dict.fromkeys(s.source for s in validation.segments))
+    name = f"validation log {', '.join(files)}"
+    return [
+        f
+        if any(f.where.startswith(file) for file in files)
+        else replace(f, where=", ".join(filter(None, (name, f.where))))
+        for f in validation.findings
+    ]
 
 
 def structure_checks(names: tuple[str, ...], held_out: Array) -> list[Finding]:

@@ -2,6 +2,8 @@
 
 import math
 import re
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +51,17 @@ def write_models(result: Identification, folder: Path) -> tuple[list[Path], list
     files.append(folder / "sysid.yaml")
     write_sysid(robot, values, files[-1])
     return files, [_followed(result, values)]
+
+
+def with_trial(result: Identification, findings: Sequence[Finding]) -> Identification:
+    """The result with findings about the exported model, which must not diverge to explain."""
+    result = replace(result, findings=(*result.findings, *findings))
+    trials = [np.asarray(f.data["exported"]) for f in findings if "exported" in f.data]
+    if all(np.isfinite(errors).all() for errors in trials):
+        return result
+    sentence = "The exported model diverges in MuJoCo at its own time step: do not use it."
+    sentence += " Shorten the time step, or record faster motion, which tells inertias."
+    return replace(result, explains="no", verdict=f"{sentence} {result.verdict}")
 
 
 def write_parameters(result: Identification, path: Path) -> None:
@@ -191,7 +204,8 @@ def departures(
     joints = JointMap(mj, robot.joints)
     joint_ids = [mj.joint(name).id for name in robot.joints]
     command = {k: own[0] for k, i in enumerate(joint_ids) if (own := actuators_of(mj, i))}
-    substeps = int(np.ceil(1 / (recordings.rate * _LONGEST_STEP)))
+    longest = mj.opt.timestep if robot.kind == "mjcf" else _LONGEST_STEP  # the user's own
+    substeps = int(np.ceil(1 / (recordings.rate * longest) - 1e-9))
     mj.opt.timestep = 1 / (recordings.rate * substeps)
     found = [np.zeros((0, len(robot.joints)))]
     kind = mujoco.mjtState.mjSTATE_FULLPHYSICS

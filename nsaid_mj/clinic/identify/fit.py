@@ -262,6 +262,18 @@ class Precision(NamedTuple):
         least = _LEAST * float(np.linalg.norm(self.theta * weights))
         return max(own, float(np.linalg.norm(self.parts @ weights)), least)
 
+    def knowing(self, index: int) -> "Precision":
+        """The precision that a parameter's known value would leave, to first order.
+
+        Every change of θ̂ is then followed by the refit that takes that parameter back.
+        """
+        C = self.covariance
+        refit = C[index] / C[index, index]
+        found = [C - np.outer(C[index], refit)]
+        found += [each - np.outer(each[:, index], refit) for each in (self.parts, self.structure)]
+        covariance, parts, structure = found
+        return self._replace(covariance=covariance, parts=parts, structure=structure)
+
     @property
     def deviation(self) -> Array:
         """(p,) stated standard deviations of θ̂."""

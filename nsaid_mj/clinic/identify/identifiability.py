@@ -14,22 +14,20 @@ import numpy as np
 from ...base import Finding, InvalidInput, UnknownName
 from ...core import Array, ParameterSpace
 from ...lab import INTERVAL
-from ...report import Explains, Parameter, Status
+from ...report import Parameter, Status
 from .choose.columns import COLUMNS
 from .fit import Combinations, Fit, Precision, combinations
 from .problem import FitProblem
-from .result import Combination, JointStructure
+from .result import Combination
 
 _EXCITED = 0.5  # expected gain of information, in prior variances, that counts as excitation
 _NARROWED = 0.6  # deviation of a relative gain over the prior's, below which it is identified
 _SHARP = 0.05  # relative deviations below and above which the prior does not matter
 _BLUNT = 0.1
 _ABSOLUTE = 0.5  # relative half-width beyond which a gain's own value is not identified
-_UNKNOWN = 2.0  # deviation of a logarithm beyond which it is not told: a factor of 50 both ways
+_NOTHING = float(np.log(1000.0))  # half an interval of ln θ beyond which it says nothing
 _TERMS = 6  # terms of a combination that are written out
 _TRADED = " over its gain"  # of a gain that its joint's friction may stand for
-_GOOD = 0.2  # held-out NRMSE
-_FAIR = 0.5
 
 
 def parameters_in_words(
@@ -50,14 +48,10 @@ def parameters_in_words(
     for index, (name, label, block, unit) in enumerate(rows):
         value = float(fit.theta[index])
         sd = float(deviation[index])
-        low = value - INTERVAL * sd
-        high = value + INTERVAL * sd
-        if value > 0 and (space.geometries[index] == "positive" or unit == "kg"):
-            factor = float(np.exp(INTERVAL * min(sd / value, _UNKNOWN)))
-            low = value / factor
-            high = value * factor
-            if block == COLUMNS["load"].block:  # beyond it, the load alone would hold the joint
-                high = max(min(high, 1.0), value)
+        positive = value > 0 and (space.geometries[index] == "positive" or unit == "kg")
+        low, high = interval(value, sd, positive)
+        if block == COLUMNS["load"].block:  # beyond 1, the load alone would hold the joint
+            high = max(min(high, 1.0), value)
         relative = None
         others = "gains"
         if index in gains:
@@ -74,6 +68,17 @@ def parameters_in_words(
             Parameter(name, label, block, unit, value, low, high, prior, status, words, relative)
         )
     return tuple(found)
+
+
+def interval(value: float, sd: float, positive: bool) -> tuple[float, float]:
+    """The 95 % interval; of a `positive` value a factor, from 0 to infinity if it says nothing."""
+    half = INTERVAL * sd
+    if not positive:
+        return value - half, value + half
+    if half > _NOTHING * value:
+        return 0.0, np.inf
+    factor = float(np.exp(half / value))
+    return value / factor, value * factor
 
 
 def _status(
@@ -167,81 +172,43 @@ def combinations_in_words(
     return tuple(found)
 
 
-def verdict(joints: tuple[JointStructure, ...], arm: bool = True) -> tuple[Explains, str]:
-    """Whether the structure explains the log, and the verdict in a sentence.
-
-    With `arm` the parts are joints; a vehicle has velocities.
-    """
-    of = "joints" if arm else "velocities"
-    joints = tuple(j for j in joints if np.isfinite(j.held_out))
-    if not joints:
-        return "no", "No part of the log could be predicted from the others: it is too short."
-    held_out = np.array([j.held_out for j in joints])
-    figures = (
-        f"on held-out data it misses {_range(held_out)} of the commands' variation "
-        "(100 %: no better than the mean)"
-    )
-    values = np.fmax(held_out, [np.nan if j.validation is None else j.validation for j in joints])
-    good = int(np.sum(values < _GOOD))
-    worst = joints[int(np.argmax(values))]
-    checked = [j.validation for j in joints if j.validation is not None]
-    if np.isfinite(checked).any():
-        figures += f"; on the validation log {_range(np.array(checked))}"
-    n = len(joints)
-    if not (values < _FAIR).all():
-        poor = [j.name for j, value in zip(joints, values, strict=True) if not value < _FAIR]
-        explains: Explains = "no" if len(poor) > n / 2 else "partly"
-        return explains, (
-            f"The structure does not explain the motion of {', '.join(poor)}: {figures}. "
-            f"Do not trust parameters of these {of}."
-        )
-    if good == n:
-        return "yes", f"The structure explains the log: {figures}."
-    return "partly", (
-        f"The structure explains {good} of {n} {of} well and the others roughly, "
-        f"worst {worst.name}: {figures}."
-    )
-
-
-def _range(nrmse: Array) -> str:
-    """The least and the largest error, in percent."""
-    ends = dict.fromkeys(f"{100 * end:.2g}" for end in (np.nanmin(nrmse), np.nanmax(nrmse)))
-    return f"{' to '.join(ends)} %"
-
-
 def suggest(problem: FitProblem, exact: Precision, parameters: tuple[Parameter, ...]) -> str:
     """The one number that, if known, would narrow the intervals of the gains most."""
     at = problem.space.actuators
     free = at[~problem.known[at]]
     if not len(free):
         return ""
-    C = exact.covariance
     value = np.array([p.value for p in parameters])
-    variance = np.diag(C)[free] / value[free] ** 2
+
+    def halves(precision: Precision, known: int) -> Array:
+        """Relative half-widths of the intervals of all gains but a known one, as printed."""
+        others = free[free != known]
+        return np.array([INTERVAL * precision.of(np.eye(len(value))[k]) for k in others]) / np.abs(
+            value[others]
+        )
+
     best = None
     gained = 0.0
+    ends = np.zeros(2)  # rms half-widths before and after
     masses = []
     for i, p in enumerate(parameters):
         if p.unit == "kg" and p.block != "rotor inertia" and p.status != "not excited":
             masses.append(i)
     for i in [*free.tolist(), *masses]:
-        if not C[i, i] > 0:
+        if not exact.covariance[i, i] > 0 or not (free != i).any():
             continue
-        others = free != i
-        left = variance - C[free, i] ** 2 / (C[i, i] * value[free] ** 2)
-        shares = 1 - left[others] / np.maximum(variance[others], 1e-300)
-        if others.any() and shares.mean() > gained:
+        before, after = (_mean_square(halves(each, i)) for each in (exact, exact.knowing(i)))
+        if 1 - after / before > gained:
             best = i
-            gained = float(shares.mean())
+            gained = 1 - after / before
+            ends = np.sqrt([before, after])
     weak = [p.label for p in parameters if p.block == "motor gain" and _TRADED in p.combination]
     words = ""
-    if best is not None and gained > 0.1:
-        before = INTERVAL * float(np.sqrt(np.mean(variance)))
-        after = before * float(np.sqrt(1 - gained))
+    if best is not None and gained > _WORTH:
         words = (
             f"One known number would help most: {parameters[best].label} "
             f"(`--known {parameters[best].name}=…`) narrows the other gains from about "
-            f"±{100 * before:.2g} % to ±{100 * after:.2g} %."
+            f"±{100 * ends[0]:.2g} % to ±{100 * ends[1]:.2g} %."
         )
     if weak:
         words += (
@@ -251,9 +218,18 @@ def suggest(problem: FitProblem, exact: Precision, parameters: tuple[Parameter, 
     return words.strip()
 
 
+def _mean_square(x: Array) -> float:
+    return float(np.mean(np.minimum(x, _NOTHING) ** 2))
+
+
+_WORTH = 0.1  # share of the squared half-widths that a suggestion must save
 _SURE = 0.15  # standard deviation of the scale's logarithm, that of commands in N·m, below which a
 # known value fixes it
 _REMEDY = "Give one motor's gain{}, or weigh a load that one of two logs carries: --load."
+_FURTHER = (
+    "The known value is not enough: give {} too, or weigh a load that one of two logs carries: "
+    "--load."
+)
 
 
 class Scale(NamedTuple):
@@ -264,21 +240,19 @@ class Scale(NamedTuple):
     fixed: bool  # whether commands or a known number fix it
     words: str  # its source, in words
     limbs: int  # number of limbs that only the base connects
+    remedy: str  # what would fix it
 
     @property
     def factor(self) -> float:
         """Half the 95 % interval of the scale, as a factor."""
         return float(np.exp(INTERVAL * self.deviation))
 
-    def judged(self, explains: Explains, sentence: str) -> tuple[Explains, str]:
-        """A verdict and its sentence, limited by the scale."""
-        if self.fixed or explains == "no":
-            return explains, sentence
-        each = f" within each of the {self.limbs} limbs" if self.limbs > 1 else ""
-        return "partly", (
-            f"{sentence} The overall scale rests on {self.words.partition(':')[0]}: ratios of "
-            f"parameters hold{each}, absolute values only to a factor of {self.factor:.2g}."
-        )
+    @property
+    def bounds(self) -> str:
+        """How well absolute values hold."""
+        if INTERVAL * self.deviation > _NOTHING:
+            return "absolute values are not determined"
+        return f"absolute values only to a factor of {self.factor:.2g}"
 
 
 def common_scale(
@@ -310,7 +284,20 @@ def common_scale(
         words = "guesses, as the model file has no masses: only ratios of parameters hold"
     else:
         words = "the masses of the model file: a calibrated gain or a weighed payload would fix it"
-    return Scale(slopes[problem.size.limb], deviation, fixed, words, len(slopes))
+    remedy = _REMEDY.format(" of each limb" if len(slopes) > 1 else "")
+    best = _telling(problem, exact, slopes, theta)
+    if known and best is not None:
+        remedy = _FURTHER.format(f"the {problem.space.labels[best]}")
+    return Scale(slopes[problem.size.limb], deviation, fixed, words, len(slopes), remedy)
+
+
+def _telling(problem: FitProblem, exact: Precision, slopes: Array, theta: Array) -> int | None:
+    """The gain, not known, that goes most with the least certain size; None if there is none."""
+    free = [i for i in problem.space.actuators.tolist() if not problem.known[i]]
+    size = max(slopes, key=exact.of)
+    C = exact.covariance
+    told = {i: float((C[i] @ size) ** 2 / max(C[i, i], 1e-300 * theta[i] ** 2)) for i in free}
+    return max(told, key=lambda i: told[i]) if told else None
 
 
 def with_known(problem: FitProblem, known: Mapping[str, float]) -> FitProblem:
@@ -326,7 +313,7 @@ def with_known(problem: FitProblem, known: Mapping[str, float]) -> FitProblem:
     fixed = problem.known.copy()
     space = problem.space
     for name, value in known.items():
-        index = _index(problem, name)
+        index = index_of(problem, name)
         place = next(p for _, p in space if p.start <= index < p.stop)
         mass = space.geometries[index] == "pseudo_inertia" and index == place.start
         positive = mass or space.geometries[index] == "positive"
@@ -349,12 +336,18 @@ def _share(problem: FitProblem, index: int) -> float:
     return float(np.clip(parts[own].sum() / parts.sum(), 0.0, 1.0))
 
 
-def _index(problem: FitProblem, name: str) -> int:
+def index_of(problem: FitProblem, name: str) -> int:
+    """The index of a parameter by name or label; raises `UnknownName` if there is none."""
     space = problem.space
     names = space.names if name in space.names else space.labels
     if name not in names:
         raise UnknownName("parameter", name, [*space.names, *space.labels])
     return list(names).index(name)
+
+
+def informed(problem: FitProblem, known: Mapping[str, float], weightless: bool) -> FitProblem:
+    """The problem with known values, of a model file with or without masses; see `with_known`."""
+    return with_known(rescaled(problem, known) if weightless else problem, known)
 
 
 def rescaled(problem: FitProblem, known: Mapping[str, float]) -> FitProblem:
@@ -376,7 +369,7 @@ def idle_values(problem: FitProblem, scale: Scale, known: Mapping[str, float]) -
     combined = combinations(problem)
     found = []
     for name, value in known.items():
-        index = _index(problem, name)
+        index = index_of(problem, name)
         why = "it has no effect in the log"
         share = _share(problem, index)
         members = combined.members(index)
@@ -394,9 +387,8 @@ def idle_values(problem: FitProblem, scale: Scale, known: Mapping[str, float]) -
         label = problem.space.labels[index]
         text = (
             f"the known value {value:g} does not fix the overall scale: {why}; {effect}, and "
-            f"absolute values hold to a factor of {scale.factor:.2g}"
+            f"{scale.bounds}"
         )
         data = {"share": share}
-        remedy = _REMEDY.format(" of each limb" if scale.limbs > 1 else "")
-        found.append(Finding("warning", "known_in_combination", label, text, remedy, data))
+        found.append(Finding("warning", "known_in_combination", label, text, scale.remedy, data))
     return found

@@ -161,8 +161,9 @@ class CarriedLoads(NamedTuple):
     prior: Array  # (10,) a ball of its mass, large if its place is unknown
     place: slice  # place of the carrying link's ten parameters in θ
     sources: frozenset[str]  # names of the files that carry it
-    # its parameters by label: the mass, and its moments if its place is known
+    # its parameters by label: the mass if it is weighed, and its moments if its place is known
     known: dict[str, float]
+    load: Load  # it, without a file
 
 
 def payloads(model: pin.Model, loads: Sequence[Load]) -> list[CarriedLoads]:
@@ -176,10 +177,19 @@ def payloads(model: pin.Model, loads: Sequence[Load]) -> list[CarriedLoads]:
         name = "payload" if len(grouped) == 1 else f"payload_{number}"
         block = link_block(number, name, load.mass, _ANYWHERE)
         block = replace(block, name=name, names=tuple(f"payload_{x}" for x in block.names))
-        ball = pin.Inertia.FromSphere(load.mass, _SMALL if known else _ANYWHERE)
-        prior = pin.Inertia(load.mass, centre, ball.inertia).toDynamicParameters()
+        prior = ball_at(model, joint, load.mass)
+        if known:
+            ball = pin.Inertia.FromSphere(load.mass, _SMALL)
+            prior = pin.Inertia(load.mass, centre, ball.inertia).toDynamicParameters()
         fixed = range(4) if known else range(1)
-        values = {block.labels[k]: float(prior[k]) for k in fixed}
+        values = {block.labels[k]: float(prior[k]) for k in fixed if load.weighed}
         place = slice(10 * joint - 10, 10 * joint)
-        found.append(CarriedLoads(block, prior, place, frozenset(sources), values))
+        found.append(CarriedLoads(block, prior, place, frozenset(sources), values, load))
     return found
+
+
+def ball_at(model: pin.Model, joint: int, mass: float) -> Array:
+    """(10,) parameters of a load of a mass [kg] anywhere near the link behind a joint."""
+    ball = pin.Inertia.FromSphere(mass, _ANYWHERE)
+    own = pin.Inertia(mass, np.array(model.inertias[joint].lever), ball.inertia)
+    return np.array(own.toDynamicParameters())

@@ -21,6 +21,7 @@ class Load(NamedTuple):
     link: str = ""
     # (3,) its centre of mass in the frame of that link [m]; None if unknown
     centre: tuple[float, ...] | None = None
+    weighed: bool = True  # whether the mass is known, or only about the one stated
 
 
 def load_of(text: str) -> Load:

@@ -14,7 +14,10 @@ forward selection, the one that explains most first, until no other is significa
 Sensor noise enters both residuals and Z, which therefore correlate even without an effect. With
 independent noise of the same variance added to both, that part of the score s doubles in s': 2 s −
 s' is free of it (simulation extrapolation; Cook and Stefanski, Journal of the American Statistical
-Association 89(428), 1994).
+Association 89(428), 1994). Other noise is not known to be that of the motion or of the commands. A
+suspect that can be computed from either therefore counts by the score, of both, that is closer to
+0, and by 0 if they differ in sign: one of them is free of the noise. Its size is that of the
+columns which do not contain the residual itself; with it, they would explain anything.
 """
 
 from __future__ import annotations
@@ -27,9 +30,8 @@ import scipy.linalg
 import scipy.special
 
 from ...base import Finding
-from ...core import Array
+from ...core import Array, Indices, ParameterSpace
 from ...lab import INTERVAL
-from ...report import Explains
 from .fit import Precision, cost_of, gramians
 from .problem import FitProblem, mean_squares
 
@@ -55,6 +57,19 @@ class Suspect(NamedTuple):
     columns: Array  # (N, n, c) its contribution to the rows, up to c unknown coefficients
     remedy: str  # what to do about it
     size: Callable[[float], str] | None = None  # in words, if γ has a meaning and is positive
+    # (N, n, c) the same computed from the other of motion and commands; None if there is no other
+    other: Array | None = None
+    most: float = np.inf  # largest |γ| of the first column that can be
+
+    def possible(self, coefficients: Array) -> bool:
+        """Whether its coefficients γ (c,) can be: of the right sign, and not too large."""
+        first = coefficients[0]
+        return bool(abs(first) <= self.most and (self.size is None or first > 0))
+
+    def thinned(self, rows: Indices) -> Suspect:
+        """The suspect in some of the rows."""
+        other = None if self.other is None else self.other[rows]
+        return self._replace(columns=self.columns[rows], other=other)
 
 
 class Followed(NamedTuple):
@@ -86,8 +101,7 @@ def followed(
     share = share / every
     own = _Rows(problem.select(thin) if every > 1 else problem, theta, share)
     copies = [own]
-    thinned = (s._replace(columns=s.columns[thin]) for s in suspects)
-    left = [(s, [own.outside(s.columns, s.columns)]) for s in thinned]
+    left = [(s, [own.outside(s, s)]) for s in (suspect.thinned(thin) for suspect in suspects)]
     level = _CHANCE / max(len(left), 1)
     entered: list[tuple[Suspect, float, Array]] = []
     while left and len(entered) < _MOST:
@@ -99,10 +113,15 @@ def followed(
             other, again = noisier(theta)
             copies.append(_Rows(other.select(thin), theta, share, own.weight))
             for (suspect, rest), noisy in zip(left, again, strict=True):
-                rest.append(copies[1].outside(noisy.columns[thin], suspect.columns))
+                rest.append(copies[1].outside(noisy.thinned(thin), suspect))
             continue
         best = max(np.flatnonzero(beyond), key=lambda i: trials[i].gained)
         suspect = left[best][0]
+        if not suspect.possible(
+            own.coefficients([*(s.columns for s, *_ in entered), suspect.columns])[-1]
+        ):
+            del left[best]
+            continue
         bases = trials[best].bases
         before = own.power
         for copy, basis in zip(copies, bases, strict=True):
@@ -120,10 +139,10 @@ def followed(
     columns = [suspect.columns for suspect, _, _ in entered]
     coefficients = own.coefficients(columns)
     for (suspect, certain, explained), Z, gamma in zip(entered, columns, coefficients, strict=True):
-        if suspect.size is not None and gamma[0] <= 0:  # with the others it is not possible
+        if not suspect.possible(gamma):  # with the others
             continue
         pull = own.X_T @ own.weighed(Z)
-        shift = -covariance @ (pull @ gamma)
+        shift = _bounded(-covariance @ (pull @ gamma), theta, problem.space)
         found.append(Followed(suspect, explained, certain * shift, gamma))
     return tuple(found)
 
@@ -146,13 +165,7 @@ def doubts(
     """
     half = INTERVAL * exact.deviation
     space = problem.space
-    size = np.maximum(np.abs(exact.theta), 1e-300)
-    units = np.array(space.units)
-    for block, rows in space:
-        if block.geometry == "pseudo_inertia":  # of moments the largest: single ones depend on axes
-            own = size[rows]
-            for unit in np.unique(units[rows]):
-                own[units[rows] == unit] = own[units[rows] == unit].max()
+    size = _sizes(exact.theta, space)
     friction = ["friction" in block.name for block in space.blocks for _ in block.names]
     certain = (space.geometries != "free") & ~np.array(friction)
     stated = ~problem.known & certain & (half < _STATED * size)
@@ -167,6 +180,8 @@ def doubts(
             continue
         amount = f", {suspect.size(coefficients[0])}" if suspect.size else ""
         words = f", which would move {label} by {100 * moved:.0f} %" if moved > 0.01 else ""
+        if moved >= 1:
+            words = f", and {label} cannot be told from it"
         level = "warning" if beyond or explained > _EXPLAINED else "note"
         part = f"{100 * share.max():.0f} % of their variance"
         text = f"the residuals correlate with {suspect.words}{amount} ({part}{words})"
@@ -175,16 +190,30 @@ def doubts(
     return findings
 
 
-def with_doubts(explains: Explains, sentence: str, findings: list[Finding]) -> tuple[Explains, str]:
-    """The verdict, at most "partly" if a suspect matters."""
-    serious = [f for f in findings if f.level == "warning" and f.code == "residuals"]
-    if explains == "no" or not serious:
-        return explains, sentence
-    words = "; ".join(f"{f.where or 'all joints'}: {f.text}. {f.remedy}" for f in serious)
-    return "partly", (
-        f"{sentence} The residuals are not random, so the intervals are only as good as "
-        f"the structure. {words}"
-    )
+def _sizes(theta: Array, space: ParameterSpace) -> Array:
+    """(p,) sizes of parameters: of moments the largest of a body, as single ones depend on axes."""
+    size = np.maximum(np.abs(theta), 1e-300)
+    units = np.array(space.units)
+    for block, rows in space:
+        if block.geometry == "pseudo_inertia":
+            own = size[rows]
+            for unit in np.unique(units[rows]):
+                own[units[rows] == unit] = own[units[rows] == unit].max()
+    return size
+
+
+def _bounded(shift: Array, theta: Array, space: ParameterSpace) -> Array:
+    """(p,) a shift by no more than the parameters' own sizes, but for those of either sign.
+
+    A suspect that the fit's columns nearly make up would shift them by many times that, which is
+    beyond what one linear step can tell: it says that they are not determined. Bodies are shifted
+    together, so that what the log tells of their sum remains.
+    """
+    kinds = space.geometries
+    size = np.where(kinds == "free", np.inf, _sizes(theta, space))
+    body = (kinds != "free") & (kinds != "positive")
+    most = float(np.max(np.abs(shift[body]) / size[body], initial=1.0))
+    return np.where(body, shift / most, np.clip(shift, -size, size))
 
 
 class _Trial(NamedTuple):
@@ -241,13 +270,14 @@ class _Rows:
         """(N n, c) columns (N, n, c) times the rows' weights."""
         return (columns * self.weight[:, :, None]).reshape(-1, columns.shape[2])
 
-    def outside(self, columns: Array, unit: Array) -> Array:
-        """(N n, c) the columns orthogonal to the fit's, over the lengths of `unit`.
+    def outside(self, suspect: Suspect, unit: Suspect) -> Array:
+        """(N n, c or 2 c) a suspect's columns orthogonal to the fit's, over lengths of `unit`'s.
 
-        Columns and `unit` are (N, n, c).
+        Those computed otherwise follow if there are any.
         """
-        length = np.maximum(np.linalg.norm(self.weighed(unit), axis=0), 1e-300)
-        return _outside(self.weighed(columns) / length, self._own)
+        length = np.maximum(np.linalg.norm(self.weighed(unit.columns), axis=0), 1e-300)
+        every = [suspect.columns, *([] if suspect.other is None else [suspect.other])]
+        return _outside(np.hstack([self.weighed(each) / length for each in every]), self._own)
 
     @property
     def power(self) -> Array:
@@ -264,23 +294,39 @@ class _Rows:
 
 
 def _trial(copies: list[_Rows], suspect: Suspect, rest: list[Array]) -> _Trial:
-    """The effect of a suspect, with columns `rest` (N n, c) orthogonal to the fit's in every copy.
+    """The effect of a suspect, with columns `rest` orthogonal to the fit's in every copy.
 
-    Of two copies, scores are extrapolated to no noise.
+    They are (N n, c), or (N n, 2 c) with those computed otherwise. Of two copies, scores are
+    extrapolated to no noise.
     """
-    values, vectors = scipy.linalg.eigh(rest[0].T @ rest[0])
+    c = suspect.columns.shape[2]
+    values, vectors = scipy.linalg.eigh(rest[0][:, :c].T @ rest[0][:, :c])
     kept = values > _OUTSIDE
     combine = vectors[:, kept] / np.sqrt(values[kept])
-    bases = [columns @ combine for columns in rest]
-    scores = [basis * copy.residual for basis, copy in zip(bases, copies, strict=True)]
-    own = scores[0] if len(scores) == 1 else 2 * scores[0] - scores[1]
-    gained = own.sum(axis=0)
+    bases = [columns[:, :c] @ combine for columns in rest]
+    scores = _extrapolated([basis * x.residual for basis, x in zip(bases, copies, strict=True)])
+    if suspect.other is not None:
+        again = [r[:, c:] @ combine * x.residual for r, x in zip(rest, copies, strict=True)]
+        scores = _closer_to_zero(scores, _extrapolated(again))
+    gained = scores.sum(axis=0)
     impossible = suspect.size is not None and (combine @ gained > 0).any()
     if not kept.any() or impossible:
         return _Trial([basis[:, :0] for basis in bases], 0.0, 0.0, (1, 1))
-    F, degrees = _hotelling(own.reshape(-1, copies[0].n, own.shape[1]).sum(axis=1))
+    F, degrees = _hotelling(scores.reshape(-1, copies[0].n, scores.shape[1]).sum(axis=1))
     bases = [bases[0], *(np.linalg.qr(basis)[0] for basis in bases[1:])]
     return _Trial(bases, float(np.sum(gained**2)), F, degrees)
+
+
+def _extrapolated(scores: list[Array]) -> Array:
+    """The scores (N n, c) without noise, from those as measured and, if any, with noise doubled."""
+    return scores[0] if len(scores) == 1 else 2 * scores[0] - scores[1]
+
+
+def _closer_to_zero(scores: Array, others: Array) -> Array:
+    """(N n, c) the mixture of two kinds of scores whose sums are closest to 0."""
+    own = scores.sum(axis=0)
+    change = np.where(own == others.sum(axis=0), 1.0, own - others.sum(axis=0))
+    return scores + np.clip(own / change, 0.0, 1.0) * (others - scores)
 
 
 def _outside(Z: Array, basis: Array) -> Array:

@@ -31,6 +31,9 @@ class Options:
     loads: tuple[Load, ...] = ()  # payloads of known mass, carried in some of the logs
     level: frozenset[str] = frozenset()  # names of joints for which no constant offset is tried
     known: Mapping[str, float] = field(default_factory=dict)  # parameters by name or label [SI]
+    contradicted: tuple[Finding, ...] = ()  # of told values that logs or model file contradict
+    # relative standard deviation by which the scale is uncertain since one was contradicted
+    apart: float = 0.0
 
 
 @dataclass(frozen=True)

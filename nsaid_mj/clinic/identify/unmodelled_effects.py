@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ...base import pin
-from ...core import Array, kernel, positions
+from ...core import Array, kernel, positions, slides
 from ...robots import with_inertias
 from .choose.columns import BROAD, SPEEDS, Choice
 from .joints import JointRows
@@ -22,6 +22,14 @@ from .problem import FitProblem
 from .residuals import Suspect
 from .smoothing import Smooth
 
+MOST = {  # of hinges [rad] and slides [m], or [s]: what is larger is something else
+    "twist": (np.deg2rad(5.0), 5e-3),  # between encoder and link; stiff gears twist by 0.1°
+    "backlash": (np.deg2rad(3.0), 3e-3),  # worn hobby servos have 1°
+    "zero": (np.deg2rad(45.0), 0.1),  # of an encoder
+    "lag": (0.2, 0.2),  # of a drive's force
+}
+UNITS = ("mrad", "mm")
+_LARGEST = 0.99  # quantile of a joint's torques
 _SMALL = 0.1  # of the rms force: below it the inverse force of a dead zone stays constant
 PLAYS = (0.002, 0.006, 0.02)  # of gears [rad or m], with which free links are simulated
 
@@ -39,12 +47,12 @@ def arm_suspects(
     model = with_inertias(rows.robot.model, links, 0 * rotor)  # rotors are columns of their own
     residual = problem.residual(theta)
     driven = -problem.actuation(theta)
-    either = zip(_of_forces(rows, driven + residual), _of_forces(rows, driven), strict=True)
+    either = zip(_of_forces(rows, driven), _of_forces(rows, driven + residual), strict=True)
     residual = np.where(problem.usable, residual, 0.0)
     for j, columns in enumerate(choice.columns):
         if "rotor" in columns:
             rotor[j] = theta[problem.space.index(f"rotor_{j + 1}")]
-    yield from (_between(needed, stated, residual) for needed, stated in either)
+    yield from (stated._replace(other=needed.columns) for stated, needed in either)
     yield from _own(rows, choice)
     torque = rows.links @ links
     names = rows.robot.joints
@@ -62,23 +70,25 @@ def arm_suspects(
     twists = _rates(rows, torque)
     answered = _answered(rows, model, rotor, residual)
     for j, name in enumerate(names):
+        kind = int(slides(rows.robot.model.joints[j + 1]))
         zero, by_v, by_a, scale, *plays = (change[:, :, j, None] for change in found)
         remedy = "Check the encoder's zero against the model's."
-        yield Suspect("an offset of its position", name, zero, remedy)
+        yield Suspect("an offset of its position", name, zero, remedy, most=MOST["zero"][kind])
         remedy = "Check the gear ratio and the unit of its position in the map."
-        ratio = Suspect("a scale error of its position", name, scale, remedy)
-        stated = ratio._replace(columns=ratio.columns - answered[:, :, j, None])
-        yield _between(ratio, stated, residual)
+        driven = scale - answered[:, :, j, None]
+        yield Suspect("a scale error of its position", name, scale, remedy, other=driven)
         first, second = twists[:, j, :, None, None].swapaxes(0, 1)
         behind = -(torque[:, j, None, None] * zero + first * by_v + second * by_a)
         remedy = "Its gear, belt or shaft yields: identify from slower motion."
+        largest = float(np.quantile(np.abs(torque[:, j]), _LARGEST))
         for columns in (behind, _on(j, len(names), rotor[j] * second[:, :, 0])):
             yield Suspect(
                 "the twist of an elastic joint",
                 name,
                 columns,
                 remedy,
-                lambda x: f"about {1 / max(x, 1e-300):.2g} N·m/rad",
+                lambda x, load=largest, kind=kind: _yielding(x, load, kind),
+                most=MOST["twist"][kind] / max(largest, 1e-300),
             )
         remedy = "Its gear has play: tighten it, or keep its load to one side."
         for play, columns in zip(PLAYS, plays, strict=True):
@@ -87,8 +97,18 @@ def arm_suspects(
                 name,
                 columns,
                 remedy,
-                lambda x, play=play: f"about {1e3 * x * play:.2g} mrad",
+                lambda x, play=play, kind=kind: f"about {1e3 * x * play:.2g} {UNITS[kind]}",
+                most=MOST["backlash"][kind] / play,
             )
+
+
+def _yielding(compliance: float, load: float, kind: int) -> str:
+    """Stiffness of a hinge or slide, and the twist at the log's largest loads [N·m or N]."""
+    stiffness = 1 / max(compliance, 1e-300)
+    twist = compliance * load
+    if kind:
+        return f"about {stiffness:.2g} N/m, which yields by {1e3 * twist:.2g} mm in this log"
+    return f"about {stiffness:.2g} N·m/rad, a twist of {np.rad2deg(twist):.2g}° in this log"
 
 
 def _of_forces(rows: JointRows, force: Array) -> Iterator[Suspect]:
@@ -98,24 +118,13 @@ def _of_forces(rows: JointRows, force: Array) -> Iterator[Suspect]:
         "Its force lags behind the recorded command: record the measured current instead of the "
         "commanded one, or give each command's delay."
     )
-    yield Suspect("the rate of all forces", "", rates, remedy)
+    most = MOST["lag"][0]
+    yield Suspect("the rate of all forces", "", rates, remedy, most=most)
     for j, name in enumerate(rows.robot.joints):
-        yield Suspect("the rate of its force", name, _on(j, force.shape[1], rates[:, j]), remedy)
+        own = _on(j, force.shape[1], rates[:, j])
+        yield Suspect("the rate of its force", name, own, remedy, most=most)
     each = force[:, :, None] * np.eye(force.shape[1])
     yield from command_suspects(rows.t, each, rows.robot.joints)
-
-
-def _between(needed: Suspect, stated: Suspect, residual: Array) -> Suspect:
-    """A suspect with the columns, of those of two forces, least correlated with residuals (N, n).
-
-    The force computed from the motion has the noise of the acceleration, that of the command the
-    noise of the current. The residual contains both, and therefore correlates with its own second
-    derivative; a true effect is significant whichever of the two forces makes up its columns.
-    """
-    own, other = (np.einsum("ni,nic->ic", residual, s.columns) for s in (needed, stated))
-    change = np.where(own == other, 1.0, own - other)
-    share = np.clip(own / change, 0.0, 1.0)
-    return needed._replace(columns=needed.columns + share * (stated.columns - needed.columns))
 
 
 def command_suspects(t: Array, forces: Array, names: Sequence[str]) -> Iterator[Suspect]:

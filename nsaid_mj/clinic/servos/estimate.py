@@ -62,6 +62,7 @@ class JointEstimate(NamedTuple):
     limit: float = np.inf  # at which the servo saturated [N·m or N]; inf if it did not
     slides: bool = False  # whether the joint is a slide, whose f is in m and whose g is in m/N
     travel: float = np.inf  # between its extreme positions [rad or m]
+    without: Array = np.zeros((0, 5))  # (G, 5) change of ln θ̂ without each log or block
 
     @property
     def judged(self) -> bool:
@@ -71,7 +72,12 @@ class JointEstimate(NamedTuple):
     @property
     def poor(self) -> bool:
         """Whether a simple prediction is nearly as good as the model."""
-        return self.judged and self.error > _NEARLY * self.simple
+        return self.judged and self.error > self.nearly
+
+    @property
+    def nearly(self) -> float:
+        """Error above which a simple prediction is nearly as good [rad or m]."""
+        return _NEARLY * self.simple
 
     @property
     def theta(self) -> Array:
@@ -144,6 +150,7 @@ def estimate(given: ServoLogs, report: Callable[[str], None] = lambda _: None) -
             offset=float(found.moved[GRAVITY, 0]),
             zero=float(zero[j]),
             slides=slide[j],
+            without=found.without,
         )
         if not one.poor:
             named = effects_of(one.name, one.unit, fit, cluster)

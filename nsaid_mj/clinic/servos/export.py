@@ -46,7 +46,7 @@ from ...robots import (
     write_xml,
 )
 from .logs import ServoLog, ServoLogs
-from .result import Replayed, Servo, ServoIdentification
+from .result import Replayed, Servo, ServoIdentification, concluded
 
 HARD = "0.9999 0.9999 0.001 0.5 2"
 """solimpfriction: MuJoCo's default is so soft that a joint creeps under its load."""
@@ -62,6 +62,15 @@ no saturation was seen. Targets act after the delays below, which MuJoCo ignores
 shift the targets, or set the actuators' `delay` and `nsample` (MuJoCo 4) and fill the buffers with
 the first targets (mj_initCtrlHistory), as a buffer of zeros pulls the arm to 0. Their bias is 0.
 {profile}{masses}{joints}"""
+_IMPLICIT = """The integrator is implicitfast: with an explicit one, this damping is too large for
+the time step.
+"""
+_IMPLICIT_ONES = [
+    int(mujoco.mjtIntegrator.mjINT_IMPLICIT),
+    int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
+]
+_COARSE = 1.0  # kv·dt/inertia: above 1 an explicit step overshoots, above 2 it diverges
+_POSES = 20  # in which the least inertia is sought
 _PROFILED = """Limits of the targets' speed and acceleration, and time constants of their filters,
 are in the numeric target_profile, which MuJoCo ignores and nsaid applies.
 """
@@ -94,6 +103,9 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
         profiles[index] = profile
         if profile[2] == 0:
             actuators[index].attrib.pop("timeconst", None)
+    stiff = _stiff(mj, result.servos)
+    if stiff:
+        _set_integrator(root)
     _state(root, TARGET_DELAY, delays)
     _state(root, TARGET_PROFILE, profiles.T.ravel())
     relocate(root, spec, source, path.resolve().parent)
@@ -109,8 +121,62 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
         f"All masses are {scale.value:.3g} of the original file's, by a weighed load.\n"
         for scale in result.scale
     )
-    parts = {"masses": weighed, "joints": lines, "profile": _PROFILED if profiles.any() else ""}
+    remarks = (_PROFILED if profiles.any() else "") + (_IMPLICIT if stiff else "")
+    parts = {"masses": weighed, "joints": lines, "profile": remarks}
     write_xml(path, root, _REMARK.format(verdict=result.verdict, **parts))
+
+
+def stiff_notes(result: ServoIdentification) -> tuple[Finding, ...]:
+    """Reports servos for which the exported file has another integrator."""
+    source = result.robot.source
+    assert source is not None  # a model with servos comes from a file
+    mj = compile_file(source)[1]
+    found = _stiff(mj, result.servos)
+    if not found:
+        return ()
+    names = ", ".join(f"{name} {ratio:.2g}" for name, ratio in found.items())
+    text = (
+        f"with the file's own integrator and time step of {1e3 * mj.opt.timestep:g} ms, damping is "
+        f"too large for the inertia (kv·dt/inertia, unstable above 2: {names}), so the exported "
+        'file states `integrator="implicitfast"`'
+    )
+    remedy = "Keep that integrator where you include the file, or shorten the time step."
+    return (Finding("note", "integrator", "", text, remedy, found),)
+
+
+def _stiff(mj: Any, servos: Sequence[Servo]) -> dict[str, float]:
+    """kv·dt/inertia of servos for which an explicit integrator is too coarse, by joint.
+
+    The least inertia counts, of poses within the joints' ranges.
+    """
+    if mj.opt.integrator in _IMPLICIT_ONES:
+        return {}
+    data = mujoco.MjData(mj)
+    rng = np.random.default_rng(0)
+    where = JointMap(mj, [servo.name for servo in servos])
+    limits = [mj.joint(servo.name) for servo in servos]
+    ends = np.array([j.range if mj.jnt_limited[j.id] else (-1.0, 1.0) for j in limits])
+    own = np.full(mj.nv, np.inf)
+    M = np.empty((mj.nv, mj.nv))
+    for _ in range(_POSES):
+        where.write(data, rng.uniform(*ends.T), np.zeros(len(servos)))
+        mujoco.mj_forward(mj, data)
+        mujoco.mj_fullM(mj, data, M)
+        own = np.minimum(own, np.diag(M) - mj.dof_armature)
+    found = {}
+    for servo in servos:
+        inertia = own[mj.joint(servo.name).dofadr[0]] + servo.armature
+        ratio = float(servo.kv * mj.opt.timestep / max(inertia, 1e-12))
+        if ratio > _COARSE:
+            found[servo.name] = ratio
+    return found
+
+
+def _set_integrator(root: Node) -> None:
+    """States the integrator that treats the servos' damping implicitly."""
+    options = root.findall("option")
+    option = options[-1] if options else SubElement(root, "option")
+    option.set("integrator", "implicitfast")
 
 
 def _state(root: Node, name: str, data: Array) -> None:
@@ -200,10 +266,11 @@ def rollout(
 
 def replayed(
     result: ServoIdentification, path: Path, given: ServoLogs, others: ServoLogs | None = None
-) -> tuple[Finding, Replayed]:
-    """Deviation of MuJoCo from logs with the exported file at a path, and with the user's own.
+) -> tuple[ServoIdentification, Replayed]:
+    """The result judged by MuJoCo on motion that was left out of the fit, and the simulations.
 
-    The logs are `others`, which took no part in the fit, or else those of the fit, `given`.
+    The exported file is at a path. The logs are `others`, which took no part in the fit, or else
+    those of the fit, `given`, each predicted by the servos as identified without it.
     """
     source = result.robot.source
     joints = result.robot.joints
@@ -225,7 +292,29 @@ def replayed(
     rows = sum(len(log.t) for log in logs)
     used = result.used[:rows] if others is None else np.ones(rows)  # logs with a load are the last
     finding = Finding(level, "replay", "", text, "", data)
-    return finding, Replayed(tuple(logs), tuple(simulated), used)
+    result = replace(result, findings=(*result.findings, finding, *stiff_notes(result)))
+    motion = f"{what}, which took no part in the fit"
+    errors = own / 1e3
+    if others is None:
+        motion = "the logs of the fit"
+        if result.left_out:
+            motion = "motion left out of the fit"
+            errors = _unseen(result, logs)
+    result = concluded(result, errors, motion, own / 1e3)
+    return result, Replayed(tuple(logs), tuple(simulated), used)
+
+
+def _unseen(result: ServoIdentification, logs: Sequence[ServoLog]) -> Array:
+    """(n,) mean absolute errors of MuJoCo on each part of the logs, identified without it."""
+    found = []
+    with TemporaryDirectory(prefix="nsaid-mj-") as folder:
+        for part in result.left_out:
+            path = Path(folder, "without.xml")
+            write_servo_mjcf(replace(result, servos=part.servos), path)
+            log = logs[part.log].part(slice(0, part.rows.stop))
+            simulated = rollout(path, result.robot.joints, log)
+            found.append(np.abs(simulated - log.position)[part.rows])
+    return np.asarray(np.concatenate(found).mean(axis=0), dtype=np.float64)
 
 
 def with_replay(
@@ -235,8 +324,7 @@ def with_replay(
     with TemporaryDirectory(prefix="nsaid-mj-") as folder:
         path = Path(folder, f"{result.robot.name}.xml")
         write_servo_mjcf(result, path)
-        finding, _ = replayed(result, path, given, others)
-    return replace(result, findings=(*result.findings, finding))
+        return replayed(result, path, given, others)[0]
 
 
 def hold_others(mj: Any, data: Any, where: JointMap) -> None:

@@ -249,6 +249,7 @@ class Spread(NamedTuple):
     jackknife: Array  # (f, f) part of the covariance from differences between clusters
     information: Array  # (G, f, f) information of every cluster
     inverse: Array  # (f, f) inverse of all clusters' information and the prior's
+    without: Array = np.zeros((0, 0))  # (G, k) change of the parameters without each cluster
 
     def quantile(self, direction: Array) -> float:
         """Of Student's t, for the 95 % interval of a combination of the parameters (k,).
@@ -309,4 +310,6 @@ def covariance_of(fit: OutputError, cluster: Indices, zero: Array) -> Spread:
     own = _NUMERICAL**2 * np.eye(len(free))
     out[np.ix_(free, free)] = jackknife + A @ P @ A + own
     by_zero = moved[:, : len(zero)]
-    return Spread(out + by_zero @ by_zero.T, moved, free, jackknife, information, A)
+    without = np.zeros((count, len(fit.x)))
+    without[:, free] = shifts
+    return Spread(out + by_zero @ by_zero.T, moved, free, jackknife, information, A, without)

@@ -17,10 +17,11 @@ from ..identify.loads import Load
 from ..identify.models import load_robot_model
 from ..logs.mapping import Map, read_map
 from ..logs.tables import LogTable, read_tables
-from .estimate import estimate
-from .fit import DELAY
+from .estimate import JointEstimate, estimate
+from .fit import DELAY, clusters
 from .logs import ServoLog, ServoLogs, read_servo_logs, servo_map, settled
 from .result import (
+    LeftOut,
     ServoIdentification,
     gravity_notes,
     masses,
@@ -143,7 +144,35 @@ def identify_servos(
         scale=masses(found.scale),
         used=used,
         seconds=time.perf_counter() - begin,
+        joints=joints,
+        left_out=() if given.load is not None else _left_out(given.logs, joints),
     )
+
+
+def _left_out(logs: Sequence[ServoLog], joints: Sequence[JointEstimate]) -> tuple[LeftOut, ...]:
+    """The logs, or halves of few, with the servos as identified without them.
+
+    They are found by the Gauss–Newton steps of the jackknife, whose clusters a part contains.
+    """
+    cluster = clusters(logs)
+    found = []
+    begin = 0
+    for number, log in enumerate(logs):
+        own = cluster[begin : begin + len(log.t)]
+        begin += len(log.t)
+        count = int(own[-1] - own[0]) + 1
+        middle = int(np.searchsorted(own, own[0] + count // 2)) if count > 1 else len(own)
+        for rows in (slice(0, middle), slice(middle, len(own))):
+            if rows.start == rows.stop:
+                continue
+            part = np.unique(own[rows])
+            steps = [np.clip(j.without[part].sum(axis=0), -_FARTHEST, _FARTHEST) for j in joints]
+            without = [j._replace(x=j.x + s) for j, s in zip(joints, steps, strict=True)]
+            found.append(LeftOut(number, rows, tuple(servo(j, None) for j in without)))
+    return tuple(found)
+
+
+_FARTHEST = 1.0  # step of ln θ
 
 
 _NO_TORQUE = (

@@ -1,7 +1,7 @@
 """The identified servos of an arm, and parameters, verdict and findings in words."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,6 +37,14 @@ class Servo:
     limit: float | None = None
 
 
+class LeftOut(NamedTuple):
+    """A part of a log, and the servos as identified without it, by one step from the fit."""
+
+    log: int  # number of the log
+    rows: slice  # the part
+    servos: tuple[Servo, ...]
+
+
 @dataclass(frozen=True, kw_only=True)
 class ServoIdentification(Result):
     """Result of `identify_servos`; parameters are T, f/kp, kp, armature/kp, delay, armature."""
@@ -50,6 +58,8 @@ class ServoIdentification(Result):
     # order
     used: Array
     seconds: float  # duration of the identification [s]
+    joints: tuple[JointEstimate, ...] = ()  # the estimates, for the verdict on further motion
+    left_out: tuple[LeftOut, ...] = ()  # the logs in parts; empty if one carries a load
 
     @property
     def masked(self) -> float:
@@ -88,6 +98,7 @@ _LABELS = (
     ("d", "delay of the target", ("s", "s")),
     ("armature", "armature", ("kg·m²", "kg")),
 )  # units of hinges and slides
+_NOTHING = 5e-3  # least error of a simple prediction in the test for divergence [rad or m]
 _WIDEST = 7.0  # half-width of ln θ beyond which an interval says nothing more: a factor of 1,000
 _HEAVIER = "Use a heavier load, or more motions with the arm stretched out."
 _UNEXPLAINED = "the model does not explain this joint's motion"
@@ -120,6 +131,8 @@ def parameters(k: int, joint: JointEstimate, scale: MassScale | None) -> tuple[P
         value, low, high = (float(v) for v in np.exp([x, x - half, x + half]))
         if half > 1.0 and short != "kp":
             low = 0.0  # the motion is linear in all but kp, and hardly differs without it
+        if half >= _WIDEST:
+            low, high = 0.0, np.inf
         about = f"{short}_{k}", f"{label} of {joint.name}", "servo", units[joint.slides]
         found.append(Parameter(*about, value, low, high, np.nan, status, combination))
     return tuple(found)
@@ -175,33 +188,81 @@ def weighed(load: Load, joint: str, scale: MassScale) -> Finding:
     return Finding(level, "weighed", "", text, remedy, {"place": scale.place.tolist()})
 
 
-def verdict(joints: Sequence[JointEstimate]) -> tuple[Explains, str, tuple[Finding, ...]]:
-    """Whether the model explains the logs better than predictions without a model."""
+_HALF = 0.5  # error over that of a simple prediction, below which the model explains a joint
+_STEPS = 3.0  # of the encoder, which are also good: play and quantisation
+_DIVERGES = 10.0  # error of MuJoCo over that of a simple prediction, above which it diverges
+
+
+def verdict(
+    joints: Sequence[JointEstimate], errors: Array | None = None, motion: str = "its own logs"
+) -> tuple[Explains, str, tuple[Finding, ...]]:
+    """Whether the model explains a motion, by its errors against predictions without a model.
+
+    errors (n,) [rad or m] are those of a `motion`; None for those of the fit.
+    """
+    errors = np.array([joint.error for joint in joints]) if errors is None else errors
+    pairs = list(zip(joints, errors.tolist(), strict=True))
     still = [joint.name for joint in joints if not joint.judged]
-    poor = [joint for joint in joints if joint.poor]
+    moving = [(joint, error) for joint, error in pairs if joint.judged]
+    poor = [(joint, error) for joint, error in moving if not error <= joint.nearly]
+    fair = [
+        (joint, error)
+        for joint, error in moving
+        if joint.nearly >= error > max(_HALF * joint.simple, _STEPS * joint.zero)
+    ]
     findings = []
-    for one in poor:
-        simple, error = (f"({x * 1e3:.1f} {one.unit})" for x in (one.simple, one.error))
+    for one, found in poor:
+        simple, error = (f"({x * 1e3:.1f} {one.unit})" for x in (one.simple, found))
         text = "the delayed target itself or a constant position predicts the motion nearly as "
         text += f"well {simple} as the servo's model {error}; its parameters are meaningless"
-        remedy = "Record faster motions, stops and reversals; check that targets and positions "
-        remedy += "have the same zero, unit and sign."
-        findings.append(Finding("warning", "no_better_than_simple", one.name, text, remedy))
+        findings.append(Finding("warning", "no_better_than_simple", one.name, text, _POOR))
     if still:
         text = "it hardly moves, or follows its target exactly, so its model cannot be validated"
         findings.append(Finding("note", "hardly_moved", ", ".join(still), text))
-    explains: Explains = "yes" if not poor else "partly"
-    if len(poor) == len(joints) - len(still):
+    explains: Explains = "partly" if poor or fair else "yes"
+    if len(poor) == len(moving):
         explains = "no"
-    ours, late = 1e3 * np.mean([(joint.error, joint.simple) for joint in joints], axis=0)
+    ours, late = 1e3 * np.array([errors.mean(), np.mean([joint.simple for joint in joints])])
     unit = " or ".join(sorted({joint.unit for joint in joints}, reverse=True))
     words = {"yes": "explains", "partly": "partly explains", "no": "does not explain"}[explains]
     sentence = (
         f"The servo model {words} the motion: driven by the targets alone, its mean absolute "
-        f"error is {ours:.1f} {unit}; that of the delayed target, or a constant, is {late:.1f} "
-        f"{unit}."
+        f"error is {ours:.1f} {unit} on {motion}"
     )
+    weak, largest = max([*poor, *fair] or pairs, key=lambda pair: pair[1])
+    if len(joints) > 1:
+        sentence += f" (most at {weak.name}: {1e3 * largest:.1f})"
+    sentence += f"; that of the delayed target, or a constant, is {late:.1f} {unit}."
+    if poor or fair:
+        sentence += f" Next, for {weak.name}: {_POOR[0].lower()}{_POOR[1:]}"
     return explains, sentence, tuple(findings)
+
+
+_POOR = (
+    "Record faster motions, stops and reversals; check that targets and positions have the same "
+    "zero, unit and sign."
+)
+
+
+def concluded(
+    result: ServoIdentification, errors: Array, motion: str, own: Array
+) -> ServoIdentification:
+    """The result with the verdict on a motion that was left out of the fit.
+
+    errors (n,) [rad or m] are those of MuJoCo on it, by servos that were identified without it,
+    own (n,) those of the exported file.
+    """
+    if not result.joints:
+        return result
+    simple = np.array([joint.simple for joint in result.joints])
+    if not (own < _DIVERGES * np.maximum(simple, _NOTHING)).all():
+        sentence = "The exported model diverges in MuJoCo at its own time step: do not use it. "
+        sentence += f"{_POOR} Or shorten the time step of the model file."
+        return replace(result, explains="no", verdict=sentence)
+    explains, sentence, doubts = verdict(result.joints, errors, motion)
+    known = {finding.where for finding in result.findings}
+    new = [finding for finding in doubts if finding.where not in known]
+    return replace(result, explains=explains, verdict=sentence, findings=(*new, *result.findings))
 
 
 def gravity_notes(joints: Sequence[JointEstimate]) -> tuple[Finding, ...]:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.base.errors import InvalidInput, NoEstimate, UnknownName
-from nsaid_mj.clinic.identify.calibrate import _held_out, with_known
+from nsaid_mj.clinic.identify.calibrate import _held_out
 from nsaid_mj.clinic.identify.fit import (
     combinations,
     gramians,
@@ -18,7 +18,7 @@ from nsaid_mj.clinic.identify.fit import (
     precision,
     tempered,
 )
-from nsaid_mj.clinic.identify.identifiability import parameters_in_words, suggest
+from nsaid_mj.clinic.identify.identifiability import parameters_in_words, suggest, with_known
 from nsaid_mj.clinic.identify.problem import FitProblem, Size, folds, least_squares
 from nsaid_mj.core.parameters import Block, ParameterSpace
 

@@ -18,9 +18,10 @@ from nsaid_mj.clinic.identify.choose.options import (
     improves,
 )
 from nsaid_mj.clinic.identify.fit import Precision, inflation, minimise, precision, tempered
-from nsaid_mj.clinic.identify.identifiability import parameters_in_words, verdict, with_known
+from nsaid_mj.clinic.identify.identifiability import parameters_in_words, with_known
 from nsaid_mj.clinic.identify.result import JointStructure
 from nsaid_mj.clinic.identify.smoothing import Filter, refined, slope
+from nsaid_mj.clinic.identify.verdict import verdict
 from nsaid_mj.core.parameters import ParameterSpace
 from tests.clinic.identify.test_fit import TRUE, absolute, problem_of
 

@@ -27,15 +27,18 @@ from nsaid_mj.clinic.identify.problem import FitProblem
 from nsaid_mj.clinic.identify.residuals import (
     Followed,
     Suspect,
+    _closer_to_zero,
     doubts,
     followed,
     widened,
-    with_doubts,
 )
-from nsaid_mj.clinic.identify.unmodelled_effects import _answered, _between
+from nsaid_mj.clinic.identify.result import JointStructure
+from nsaid_mj.clinic.identify.unmodelled_effects import _answered
+from nsaid_mj.clinic.identify.verdict import verdict
 from nsaid_mj.clinic.logs.recordings import LogSegment, Recordings
 from nsaid_mj.core.log import Log
 from tests.clinic.identify.test_fit import TRUE, problem_of
+from tests.court.field_findings import healthy
 from tests.support.robot_logs import Flaw, arm_log, motion, two_joints, write_csv
 
 # -- the test of residuals, on rows whose flaw is known -------------------------------------------
@@ -142,11 +145,12 @@ def test_what_matters_is_a_warning_and_ends_a_yes():
     (found,) = doubts(problem, exact, left, np.array([0.05, 0.05]))
     assert found.level == "warning" and "its temperature" in found.text and found.remedy == "Do."
     assert "rotor" in str(found.data["parameter"])
-    explains, sentence = with_doubts("yes", "All is well.", [found])
-    assert explains == "partly" and "its temperature" in sentence and "Do." in sentence
-    assert with_doubts("no", "Nothing.", [found]) == ("no", "Nothing.")
-    note = Finding("note", "residuals", "1", "the residuals follow the moon")
-    assert with_doubts("yes", "All is well.", [note]) == ("yes", "All is well.")
+    well, badly = ([JointStructure("1", held_out=x)] for x in (0.05, 0.9))
+    explains, sentence = verdict(well, [found])
+    assert explains == "partly" and "its temperature" in sentence and sentence.endswith("do.")
+    assert verdict(badly, [found])[0] == "no" and "do." in verdict(badly, [found])[1]
+    note = Finding("note", "residuals", "1", "the residuals follow the moon", "Look up.")
+    assert verdict(well, [note]) == verdict(well) and verdict(well)[0] == "yes"
 
 
 def test_what_explains_a_tenth_of_the_command_matters_even_if_nothing_moves():
@@ -189,10 +193,10 @@ def test_noise_of_either_force_is_not_followed_by_its_own_derivative():
         return np.gradient(np.gradient(force, t, axis=0), t, axis=0)
 
     def score(needed: np.ndarray, stated: np.ndarray) -> float:
-        one, other = (Suspect("its rate", "1", bent(x)[:, :, None], "") for x in (needed, stated))
         residual = needed - stated
-        z = _between(one, other, residual).columns[:, 0, 0]
-        return float(z @ residual[:, 0] / np.linalg.norm(z) / np.linalg.norm(residual[:, 0]))
+        own, other = (bent(x)[:, [0]] for x in (stated, needed))
+        z = _closer_to_zero(own * residual[:, [0]], other * residual[:, [0]])
+        return float(z.sum() / np.linalg.norm(own) / np.linalg.norm(residual[:, 0]))
 
     assert abs(score(force + noises[0], force)) < 0.05
     assert abs(score(force, force + noises[0])) < 0.05
@@ -213,6 +217,33 @@ def test_noise_of_the_acceleration_is_told_from_a_ratio_by_the_commands():
     residual = np.einsum("kij,kj->ki", inertia + np.diag(rotor), noise)
     found = _answered(rows, model, rotor, residual)
     np.testing.assert_allclose(found, inertia * noise[:, None, :], rtol=1e-9, atol=1e-12)
+
+
+def test_a_suspect_is_not_convicted_by_the_residual_in_its_columns():
+    """Nearly a column of the fit, beside which the residual is all that is left of it."""
+    problem, true, _ = bent(0.8)
+    fit, exact, _ = left_in(problem)
+    residual = problem.residual(fit.theta)
+    nearly = problem.Y[:, :, [0]] + 0.1 * np.random.default_rng(0).normal(size=true.columns.shape)
+    with_it = nearly + 2 * residual[:, :, None]
+    suspect = Suspect("a scale error", "1", nearly, "", other=with_it)
+    assert not followed(problem, fit.theta, exact.covariance, np.ones(2), [suspect])
+    blamed = followed(
+        problem,
+        fit.theta,
+        exact.covariance,
+        np.ones(2),
+        [suspect._replace(columns=with_it, other=None)],
+    )
+    assert blamed[0].share[0] > 0.9
+
+
+@pytest.mark.parametrize(("seed", "joints"), [(21, 1), (71, 1), (72, 1), (63, 3)])
+def test_gentle_motion_with_slow_noise_is_no_scale_error(tmp_path, seed, joints):
+    twin = healthy(two_joints([f"joint_{k}" for k in range(joints)]), seed)
+    log = twin.write(tmp_path / "log.csv")
+    found = identify_forces(twin.robot, log, known={"gain_1": twin.true["gain_1"]})
+    assert not [f for f in found.findings if "a scale error" in f.text]
 
 
 # -- whole logs -----------------------------------------------------------------------------------
@@ -426,3 +457,17 @@ def test_rest_is_not_hidden_in_the_noise_of_a_velocity_column(tmp_path):
     (segment,) = prepared({"t": t} | named).segments
     assert np.mean(segment.usable) > 0.9
     assert segment.log.t[0] == pytest.approx(2, abs=0.2)
+
+
+def test_a_gear_does_not_twist_by_more_than_gears_can(tmp_path):
+    """Slow noise goes with the twist of a spring so soft that the link would swing by itself."""
+    twin = healthy(two_joints(), 106)
+    log = twin.write(tmp_path / "log.csv")
+    found = identify_forces(twin.robot, log, known={"gain_1": twin.true["gain_1"]})
+    assert not [f for f in found.findings if "elastic" in f.text]
+    problem, true, _ = bent(0.8)
+    fit, exact, _ = left_in(problem)
+    for most, count in ((0.5, 0), (1.2, 1)):
+        suspect = true._replace(most=most)
+        left = followed(problem, fit.theta, exact.covariance, np.ones(2), [suspect])
+        assert len(left) == count

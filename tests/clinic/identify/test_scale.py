@@ -15,13 +15,13 @@ from nsaid_mj.clinic.identify.choose.cutoff import filter_for
 from nsaid_mj.clinic.identify.choose.joint_search import structured_arm
 from nsaid_mj.clinic.identify.export import identified
 from nsaid_mj.clinic.identify.fit import ConePrior, minimise
-from nsaid_mj.clinic.identify.identifiability import verdict
 from nsaid_mj.clinic.identify.identify import identify_forces
 from nsaid_mj.clinic.identify.joint_checks import expected_gains
 from nsaid_mj.clinic.identify.joints import JointRows
 from nsaid_mj.clinic.identify.links import file_links, link_blocks, sizes_of_links
 from nsaid_mj.clinic.identify.problem import FitProblem, Size
 from nsaid_mj.clinic.identify.result import Identification, JointStructure, Options
+from nsaid_mj.clinic.identify.verdict import verdict
 from nsaid_mj.clinic.logs.preparation import prepare
 from nsaid_mj.clinic.logs.tables import read_tables
 from nsaid_mj.core.parameters import Block, ParameterSpace

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from nsaid_mj.clinic.identify.calibrate import _validated
+from nsaid_mj.clinic.identify.fit import minimise
 from nsaid_mj.clinic.identify.identify import identify_forces
 from nsaid_mj.clinic.logs.unusable import UnusableLog
-from tests.support.robot_logs import columns, two_joints
+from tests.clinic.identify.test_fit import problem_of
+from tests.support.robot_logs import columns, two_joints, write_csv
 
 MAP = """
 [joints.shoulder]
@@ -64,3 +68,28 @@ def test_faults_of_a_validation_log_are_of_its_file(tmp_path):
     with pytest.raises(UnusableLog) as raised:
         identify_forces(two_joints(), other, validate=log)
     assert "validation" not in str(raised.value)
+
+
+def test_a_validation_log_at_rest_in_one_direction_is_judged_by_the_training_logs_motion():
+    problem = problem_of(0.02, 1000)
+    theta = minimise(problem).theta
+    Y = problem_of(0.02, 1000, 1).Y
+    Y[:, 1, :] *= 0.01
+    noise = np.random.default_rng(0).standard_normal(len(Y))
+    Y[:, 1, 6] += 0.02 * noise * problem.forces(theta)[1] / theta[6]
+    checked = replace(problem, Y=Y)
+    assert checked.nrmse(theta)[1] > 0.7
+    judged = _validated(problem, checked, theta)
+    assert judged[1] == pytest.approx(0.02, rel=0.2)
+    assert judged[0] == checked.nrmse(theta)[0]
+
+
+def test_findings_about_a_joint_of_a_validation_log_name_that_log(tmp_path):
+    log = write(tmp_path / "log.csv", OWN)
+    still = columns(4.0)
+    still["q1"] = 0.5 + 1e-5 * np.random.default_rng(0).standard_normal(len(still["t"]))
+    still["dq1"] = 0 * still["q1"]
+    other = write_csv(tmp_path / "other.csv", still)
+    found = identify_forces(two_joints(), log, validate=other)
+    (said,) = [f for f in found.findings if f.code == "at_rest"]
+    assert said.where == "validation log other.csv, shoulder"

@@ -48,7 +48,7 @@ def test_a_slide_has_units_of_force_and_length():
     assert slide["kp_1"] == "N/m" and slide["f_1"] == "m" and slide["armature_1"] == "kg"
     one = joint(error=15e-3)._replace(slides=True)
     _, sentence, _ = verdict([one])
-    assert "error is 15.0 mm; " in sentence
+    assert "error is 15.0 mm on" in sentence
 
 
 def test_kp_is_a_convention_where_no_gravity_acts_and_only_there():

@@ -1,0 +1,123 @@
+"""The verdict of an identification: whether the structure explains the log, and what to do next.
+
+The least favourable of four judgements counts: how well held-out parts and a validation log are
+predicted, what the residuals correlate with, what the user told, and what the overall scale rests
+on. The sentence gives the figures and one remedy, that of the gravest; findings have all others.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ...base import Finding
+from ...core import Array
+from ...report import Explains
+from .identifiability import Scale
+from .result import JointStructure
+
+CONTRADICTED = "contradicted"
+"""Code of findings that a log contradicts what the user told."""
+_CONFIRM = "Confirm it on a log of another motion: --validate."
+_GOOD = 0.2  # held-out NRMSE
+_FAIR = 0.5
+_ORDER: tuple[Explains, ...] = ("no", "partly", "yes")
+
+
+def verdict(
+    joints: Sequence[JointStructure],
+    findings: Sequence[Finding] = (),
+    scale: Scale | None = None,
+    arm: bool = True,
+) -> tuple[Explains, str]:
+    """Whether the structure explains the log, and the verdict in a few sentences.
+
+    With `arm` the parts are joints; a vehicle has velocities.
+    """
+    explains, sentence = _of_predictions(joints, arm)
+    told = [f for f in findings if f.code == CONTRADICTED]
+    doubts = [f for f in findings if f.code == "residuals" and f.level == "warning"]
+    unfixed = scale is not None and not scale.fixed
+    for f in reversed(told):
+        sentence = f"{_capital(f)}. {sentence}"
+    if doubts and explains != "no":
+        worst = max(doubts, key=lambda f: float(str(f.data.get("share", 0.0))))
+        more = f", and {len(doubts) - 1} more as below" if len(doubts) > 1 else ""
+        where = worst.where or "all joints"
+        sentence += f" The residuals are not random: {where}: {worst.text}{more}."
+    if unfixed and explains != "no":
+        assert scale is not None
+        each = f" within each of the {scale.limbs} limbs" if scale.limbs > 1 else ""
+        sentence += (
+            f" The overall scale rests on {scale.words.partition(':')[0]}: ratios of parameters "
+            f"hold{each}, {scale.bounds}."
+        )
+    if told or doubts or unfixed:
+        explains = min(explains, "partly", key=_ORDER.index)
+    remedy = next(_remedies(told, doubts, findings, scale), "")
+    if explains == "yes" and all(joint.validation is None for joint in joints):
+        remedy = _CONFIRM
+    return explains, f"{sentence} Next: {_lower(remedy)}" if remedy else sentence
+
+
+def _remedies(
+    told: Sequence[Finding],
+    doubts: Sequence[Finding],
+    findings: Sequence[Finding],
+    scale: Scale | None,
+) -> Iterator[str]:
+    """What to do, the most urgent first."""
+    unexplained = [f for f in findings if f.code == "unexplained"]
+    by_share = sorted(doubts, key=lambda f: -float(str(f.data.get("share", 0.0))))
+    own = {f.where for f in unexplained}
+    causes = [f for f in by_share if f.where in own]
+    yield from (f.remedy for f in (*told, *causes, *unexplained, *by_share) if f.remedy)
+    if scale is not None and not scale.fixed:
+        yield scale.remedy
+
+
+def _capital(finding: Finding) -> str:
+    text = f"{finding.where}: {finding.text}" if finding.where else finding.text
+    return text[0].upper() + text[1:]
+
+
+def _lower(remedy: str) -> str:
+    return remedy[0].lower() + remedy[1:]
+
+
+def _of_predictions(joints: Sequence[JointStructure], arm: bool) -> tuple[Explains, str]:
+    """Whether held-out parts and the validation log are predicted, with the figures."""
+    of = "joints" if arm else "velocities"
+    joints = [j for j in joints if np.isfinite(j.held_out)]
+    if not joints:
+        return "no", "No part of the log could be predicted from the others: it is too short."
+    held_out = np.array([j.held_out for j in joints])
+    figures = (
+        f"on held-out data it misses {_range(held_out)} of the commands' variation "
+        "(100 %: no better than the mean)"
+    )
+    values = np.fmax(held_out, [np.nan if j.validation is None else j.validation for j in joints])
+    good = int(np.sum(values < _GOOD))
+    worst = joints[int(np.argmax(values))]
+    checked = [j.validation for j in joints if j.validation is not None]
+    if np.isfinite(checked).any():
+        figures += f"; on the validation log {_range(np.array(checked))}"
+    n = len(joints)
+    if not (values < _FAIR).all():
+        poor = [j.name for j, value in zip(joints, values, strict=True) if not value < _FAIR]
+        explains: Explains = "no" if len(poor) > n / 2 else "partly"
+        return explains, (
+            f"The structure does not explain the motion of {', '.join(poor)}: {figures}. "
+            f"Do not trust parameters of these {of}."
+        )
+    if good == n:
+        return "yes", f"The structure explains the log: {figures}."
+    return "partly", (
+        f"The structure explains {good} of {n} {of} well and the others roughly, "
+        f"worst {worst.name}: {figures}."
+    )
+
+
+def _range(nrmse: Array) -> str:
+    """The least and the largest error, in percent."""
+    ends = dict.fromkeys(f"{100 * end:.2g}" for end in (np.nanmin(nrmse), np.nanmax(nrmse)))
+    return f"{' to '.join(ends)} %"
