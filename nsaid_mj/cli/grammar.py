@@ -11,6 +11,7 @@ from typing import Annotated, Any, Union
 import tyro
 from tyro.conf import Positional, UseAppendAction, arg, subcommand
 
+from ..base import with_homes
 from .grammar_of_studies import (
     Compare,
     CompareModels,
@@ -285,12 +286,13 @@ def parse(arguments: Sequence[str]) -> Any:
     """
     word = next(iter(arguments), "")
     if word in COMMANDS:
-        return tyro.cli(
+        options = tyro.cli(
             COMMANDS[word],
             prog=f"nsaid {word}",
             args=list(arguments[1:]),
             config=(tyro.conf.FlagCreatePairsOff,),
         )
+        return with_homes(options)
     firsts = {name: (kind.__doc__ or "").partition("\n")[0] for name, kind in COMMANDS.items()}
     choices = [
         Annotated[kind, subcommand(name, description=firsts[name])]
@@ -311,4 +313,4 @@ def parse(arguments: Sequence[str]) -> Any:
 
 def parse_comparison(arguments: Sequence[str]) -> Any:
     """Parses what follows `nsaid compare` where it begins with a flag: `CompareModels`."""
-    return tyro.cli(CompareModels, prog="nsaid compare", args=list(arguments))
+    return with_homes(tyro.cli(CompareModels, prog="nsaid compare", args=list(arguments)))

@@ -9,7 +9,7 @@ from ..base import Finding
 from .errors import BadRobot
 from .files import REMEDY, robot_file
 from .model import RobotModel
-from .xml import read_xml
+from .xml import check_named_files, read_xml
 
 Base = Literal["held", "free"]
 """Whether a floating base is fixed to a stand or free."""
@@ -78,6 +78,8 @@ def _read(
         raise BadRobot(str(path), "", "it is a xacro template, not a URDF", remedy)
     compiled = path.suffix.lower() == ".mjb"
     root, encoding = (None, "") if compiled else read_xml(path)
+    if root is not None:
+        check_named_files(path, root)
     if root is None or root.tag == "mujoco":
         from .mjcf import load_mjcf
 

@@ -17,7 +17,7 @@ from lxml import etree
 from lxml.etree import SubElement
 from lxml.etree import _Element as Node
 
-from ..base import LARGEST, Finding, missing_files, pin
+from ..base import LARGEST, Finding, check_input, missing_files, pin
 from ..core import Array
 from .errors import BadRobot
 from .inertias import moved, moved_inside, plausible_size
@@ -43,6 +43,7 @@ def compile_file(path: Path) -> tuple[Any, Any, list[Finding]]:
     """
     try:
         if path.suffix.lower() == ".mjb":
+            check_input(path)
             mj = mujoco.MjModel.from_binary_path(str(path))
             check_numbers(str(path), mj)
             return None, mj, []
@@ -58,6 +59,9 @@ def compile_file(path: Path) -> tuple[Any, Any, list[Finding]]:
         return spec, mj, findings
     except UnicodeDecodeError as error:
         raise BadRobot(str(path), "", f"it is not UTF-8: {error}", "Save it as UTF-8.") from error
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise BadRobot(str(path), "", reason, "Give a readable, regular file.") from error
     except (ValueError, RuntimeError) as error:
         raise BadRobot(str(path), "", f"MuJoCo rejects it: {error}", _REMEDY) from error
 

@@ -9,7 +9,7 @@ from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...base import InvalidInput, numbers_in, print_json, printable, reading, write_json
+from ...base import InvalidInput, numbers_in, print_json, printable, write_json
 from ...lab import check_writable, folder_for_results
 from ...report import EXPLAINED, UNUSABLE, code_of
 from ...robots import asset
@@ -26,6 +26,13 @@ if TYPE_CHECKING:
 RESULT = "identification.json"
 
 
+def files_of_results(model: str) -> tuple[str, ...]:
+    """Files that `nsaid identify` writes for a model; the first marks a folder of results."""
+    name = Path(model).stem
+    own = (RESULT, "report.html", "run.rrd", "calibrated.yaml", "sysid.yaml")
+    return (*own, f"{name}.urdf", f"{name}.xml")
+
+
 def identify_log(chosen: ToIdentify) -> int:
     """Executes `nsaid identify` and returns the exit code."""
     model = chosen.model or chosen.packed
@@ -34,11 +41,10 @@ def identify_log(chosen: ToIdentify) -> int:
     check_identify(chosen, model)
     from ..logs.formats import limited_to
 
+    name = f"{Path(model).stem}-identify"
+    files = files_of_results(model)
     with (
-        reading(model, *chosen.log, *chosen.validate, chosen.map, chosen.validate_map),
-        folder_for_results(
-            f"{Path(model).stem}-identify", chosen.out, chosen.force, RESULT, "results"
-        ) as folder,
+        folder_for_results(name, chosen.out, chosen.force, files, "results") as folder,
         limited_to(chosen.limit * 1e9),
     ):
         return _identify(model, chosen, folder)
@@ -231,8 +237,7 @@ def inspect_log(chosen: ToInspect) -> int:
         raise InvalidInput("logs", "one or more files", "none", "Such as `nsaid inspect log.csv`.")
     check_writable(chosen.out)
     check_inspect(chosen)
-    from ...base import write_text
-    from ...report import is_own
+    from ...base import create, is_ours, writing
     from ..identify.identify import files_of
     from ..identify.inspection import inspect
     from ..identify.inspection_page import draw_inspection
@@ -256,18 +261,21 @@ def inspect_log(chosen: ToInspect) -> int:
     with limited_to(chosen.limit * 1e9):
         tables = read_tables(logs, mapping)
     found = inspect(tables, mapping, robot)
-    with reading(*chosen.logs, chosen.map, chosen.model):
+    with writing(chosen.out):
         chosen.out.mkdir(parents=True, exist_ok=True)
-        names = chain((PICTURE,), map("inspection-{}.png".format, count(2)))
-        paths = (chosen.out / name for name in names)
-        files = [draw_inspection(found, next(p for p in paths if not p.exists() or is_own(p)))]
-        if found.robot is not None and mapping is None:
-            text = first_map(found.tables, found.robot)
-            names = map("map-new-{}.toml".format, count(2))
-            paths = (chosen.out / name for name in chain((MAP, "map-new.toml"), names))
-            path = next(p for p in paths if not p.exists() or p.read_bytes() == text.encode())
-            write_text(path, text)
-            files.append(path)
+    names = chain((PICTURE,), map("inspection-{}.png".format, count(2)))
+    paths = (chosen.out / name for name in names)
+    files = [draw_inspection(found, next(p for p in paths if not p.exists() or is_ours(p)))]
+    if found.robot is not None and mapping is None:
+        text = first_map(found.tables, found.robot).encode("utf-8", "replace")
+        names = map("map-new-{}.toml".format, count(2))
+        paths = (chosen.out / name for name in chain((MAP, "map-new.toml"), names))
+        path = next(p for p in paths if not p.exists() or _holds(p, text))
+        if not path.exists():
+            with writing(path):
+                create(path)
+                path.write_bytes(text)
+        files.append(path)
     if chosen.json:
         print_json(document(found))
     else:
@@ -280,6 +288,16 @@ def inspect_log(chosen: ToInspect) -> int:
             print(printable(str(path)))
     refused = any(f.level == "refusal" or f.code == "unmatched" for f in found.findings)
     return UNUSABLE if refused else EXPLAINED
+
+
+def _holds(path: Path, text: bytes) -> bool:
+    """Whether a file has just this content."""
+    from ...base import read_bytes
+
+    try:
+        return read_bytes(path) == text
+    except OSError:
+        return False
 
 
 def document(found: Inspection) -> dict[str, object]:
