@@ -156,7 +156,7 @@ def opened(
     rows = folder / ROWS
     remedy = "Make room on the disk; the same command then resumes"
     _sign_rows(folder)
-    with in_folder(folder, (*SWEEP, "report.html", PICTURE), quiet, done) as bar:
+    with in_folder(folder, (ROWS, TABLE, "report.html", PICTURE), quiet, done) as bar:
         known = _resumed(folder, manifest, partial(bar.console.print, highlight=False))
         with writing(rows):
             flags = os.O_WRONLY | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)

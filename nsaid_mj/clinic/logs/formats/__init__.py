@@ -72,8 +72,8 @@ FORMATS = (
     Format("dataflash", "pymavlink", (b"\xa3\x95\x80",), extra="dataflash"),
     Format("rrd", "Rerun", (b"RRF",), extra="view"),
 )
-TEXT = Format("text", "the reader of text tables", (b"\x1f\x8b",))
-"""Of a gzip file, and of any other without a byte 0 that no other format recognises."""
+TEXT = Format("text", "the reader of text tables", (b"\x1f\x8b", b"\xff\xfe", b"\xfe\xff"))
+"""Of a gzip file, of UTF-16, and of any other without a byte 0 that no other format recognises."""
 
 
 def files(path: Path) -> list[Path]:
