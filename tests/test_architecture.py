@@ -19,7 +19,7 @@ DOORS = {
     "base": 72,
     "core": 153,
     "watch": 13,
-    "robots": 51,
+    "robots": 52,
     "report": 97,
     "lab": 99,
     "clinic": 5,

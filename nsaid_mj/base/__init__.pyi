@@ -177,7 +177,7 @@ from .inputs import read_input as read_input
 # Context in which no file that is read is replaced, however its path is written.
 from .inputs import reading as reading
 
-# A command's options with `path_of` of every path among them.
+# A command's options with the home directory in place of every leading `~`.
 from .inputs import with_homes as with_homes
 
 # The package coal, imported on first use; its absence is a `MissingPackage`.

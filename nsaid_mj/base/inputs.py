@@ -48,7 +48,7 @@ def path_of(text: str | os.PathLike[str]) -> Path:
 
 
 def with_homes(options: _Options) -> _Options:
-    """A command's options with `path_of` of every path among them, alone or in a tuple.
+    """A command's options with `path_of` of every path among them, and of words with a leading `~`.
 
     Raises:
         InvalidInput: the operating system does not accept one of the paths.
@@ -57,6 +57,8 @@ def with_homes(options: _Options) -> _Options:
     def whole(value: Any) -> Any:
         if isinstance(value, tuple):
             return tuple(map(whole, value))
+        if isinstance(value, str) and value.startswith("~"):  # a model may be a name or a path
+            return str(path_of(value))
         return path_of(value) if isinstance(value, Path) else value
 
     given = {field.name: getattr(options, field.name) for field in fields(options)}  # type: ignore[arg-type]

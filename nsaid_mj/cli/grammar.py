@@ -175,7 +175,7 @@ class Live:
         every: time between two printed estimates [s]; 0 for all.
         view: stream into the Rerun viewer.
         out: folder of the run; by default runs/NAME-live-LAW, numbered.
-        force: overwrite a completed run in the folder.
+        force: replace a run in the folder; files of yours are never replaced.
         json: print estimates and summary as lines of JSON.
         quiet: print only errors.
     """
@@ -212,7 +212,7 @@ class RunOptions:
 
     Attributes:
         out: folder of the run; by default runs/NAME-LAW, numbered if that holds a completed run.
-        force: overwrite a completed run in the folder.
+        force: replace a run in the folder; files of yours are never replaced.
         quiet: print only errors.
         json: print only the summary, as JSON, to the standard output.
         live: show the run in the Rerun viewer while it runs, in real time.

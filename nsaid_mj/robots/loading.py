@@ -78,13 +78,12 @@ def _read(
         raise BadRobot(str(path), "", "it is a xacro template, not a URDF", remedy)
     compiled = path.suffix.lower() == ".mjb"
     root, encoding = (None, "") if compiled else read_xml(path)
-    if root is not None:
-        check_named_files(path, root)
     if root is None or root.tag == "mujoco":
         from .mjcf import load_mjcf
 
         return load_mjcf(path, lock, joints, base)
     if root.tag == "robot":
+        check_named_files(path)
         from .urdf import load_urdf
 
         return load_urdf(path, root, encoding, lock, joints, base)

@@ -22,7 +22,7 @@ from ..core import Array
 from .errors import BadRobot
 from .inertias import moved, moved_inside, plausible_size
 from .tree import body_name, wxyz
-from .xml import numbers, read_xml
+from .xml import check_named_files, numbers, read_xml
 
 _REMEDY = "Correct the file; MuJoCo's `simulate` must be able to load it."
 _UNDRAWN = (
@@ -47,6 +47,7 @@ def compile_file(path: Path) -> tuple[Any, Any, list[Finding]]:
             mj = mujoco.MjModel.from_binary_path(str(path))
             check_numbers(str(path), mj)
             return None, mj, []
+        check_named_files(path)
         spec = mujoco.MjSpec.from_file(str(path))
         missing = _without_missing_files(spec, path.parent)
         findings = [

@@ -53,17 +53,17 @@ def read_xml(path: Path) -> tuple[Element, list[Finding]]:
         raise BadRobot(str(path), "", f"it is not XML: {error}", "Correct the file.") from error
 
 
-def check_named_files(path: Path, root: Element) -> None:
-    """Checks the files that a model file names, before a library opens them; they count as read.
+def check_named_files(path: Path) -> None:
+    """Checks a model file and the files that it names, before a library opens them.
 
-    Included files are searched too; a name is sought in every folder where MuJoCo and Pinocchio
-    may look. Missing files are left to the library.
+    They count as read. Included files are searched too; a name is sought in every folder where
+    MuJoCo and Pinocchio may look. Missing files are left to the library.
 
     Raises:
-        BadRobot: a file is no regular one, or an included one is not XML.
+        BadRobot: a file is no regular one, or the model is not XML.
     """
     seen = {path}
-    roots = [(path, root)]
+    roots = [(path, read_xml(path)[0])]
     while roots:
         here, node = roots.pop()
         for file in _named_files(here.parent, path.parent, node):

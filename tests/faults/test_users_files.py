@@ -309,8 +309,17 @@ def test_odd_files_of_a_data_set_end_typed(name: str, kind: str, desk: Path) -> 
         read_tables(["set"])
 
 
-@pytest.mark.parametrize("words", ["run scalar_rov", "identify --model two.urdf --log log.csv"])
+@pytest.mark.parametrize(
+    "words",
+    [
+        "run scalar_rov",
+        "identify --model two.urdf --log log.csv",
+        "excite --model=~/two.urdf",
+        "track track_ur5",
+    ],
+)
 def test_the_home_is_meant_by_a_tilde_everywhere(words: str, desk: Path) -> None:
+    shutil.copy(URDF, desk / "home" / "two.urdf")
     (desk / "home" / "out").mkdir()
     (desk / "home" / "out" / "thesis.tex").write_text("mine", encoding="utf-8")
     refused(*words.split(), "--out=~/out")
