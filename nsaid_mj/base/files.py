@@ -129,13 +129,13 @@ def check_own(folder: Path, results: Sequence[str], remedy: str | None = "") -> 
         BadRun: a file would be lost, or the folder holds other files only.
     """
     try:  # new/../old is `old` once new is made
-        folder = folder.resolve()
-        there = {path.name for path in folder.iterdir()}
+        real = folder.resolve()
+        there = {path.name for path in real.iterdir()}
     except (OSError, RuntimeError):  # of a folder that is missing, a file, or a link to itself
         return
     for name in sorted(there & set(results)):
         try:
-            check_replaceable(folder / name)
+            check_replaceable(real / name)
         except NotWritten as error:
             holds = f"it holds other files, such as {name}: {error.reason}"
             raise NotWritten(folder, holds, error.remedy) from error

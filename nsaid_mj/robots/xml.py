@@ -62,23 +62,22 @@ def check_named_files(path: Path) -> None:
     Raises:
         BadRobot: a file is no regular one, or the model is not XML.
     """
-    seen = {path}
+    seen = {os.path.realpath(path)}
     roots = [(path, read_xml(path)[0])]
     while roots:
-        here, node = roots.pop()
-        for file in _named_files(here.parent, path.parent, node):
-            if file in seen:
+        here, root = roots.pop()
+        included = {Path(node.get("file", "")).name for node in root.iter("include", "model")}
+        for file in _named_files(here.parent, path.parent, root):
+            if os.path.realpath(file) in seen or file.is_dir():
                 continue
-            seen.add(file)
+            seen.add(os.path.realpath(file))
             try:
                 check_input(file)
-            except IsADirectoryError:
-                continue
             except OSError as error:
                 reason = f"it names {file}: {error.strerror}"
                 raise BadRobot(str(path), "", reason, "Give a regular file.") from error
-            if file.suffix.lower() == ".xml" or any(n.get("file") for n in node.iter("include")):
-                with suppress(BadRobot):  # a mesh; the library says what is wrong with an include
+            if file.name in included:
+                with suppress(BadRobot):  # the library says what is wrong with it
                     roots.append((file, read_xml(file)[0]))
 
 
