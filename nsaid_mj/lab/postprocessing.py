@@ -125,7 +125,6 @@ def rebuild(folder: Path) -> RunResult:
         raise BadRun(folder, f"its record has {len(record)} rows", "Run the scenario again")
     run = reopen(folder, record)
     earlier = _earlier(run)
-    check_own(folder, (SUMMARY,), None)
     if earlier is not None:
         _recall(run, earlier)
     with Progress(folder.name) as progress:

@@ -112,7 +112,8 @@ def compare_methods(given: Mapping[str, Any], chosen: ToCompareMethods, folder: 
         budget=BUDGET if chosen.budget is None else chosen.budget,
         bound=chosen.bound,
     )
-    files = (*COMPARE_FILES, "report.html", "data_length.png", "noise.png")
+    pictures = ("data_length.png", "noise.png", "wall_time.png")
+    files = (*COMPARE_FILES, "report.html", *pictures)
     with _finished(folder, chosen, files) as own:
         result, _ = run_comparison(study, own, quiet=chosen.quiet or chosen.json)
         if chosen.json:
