@@ -104,14 +104,17 @@ from .files import SWEEP as SWEEP
 # Yields a temporary path to write to; on exit the file is synced and renamed to `path`.
 from .files import atomic_write as atomic_write
 
-# Checks that a command overwrites only files that it made itself.
+# Checks, before any work, that a command replaces only files that are ours by their content.
 from .files import check_own as check_own
 
 # Raises `BadRun` unless a folder has a file of a sweep.
 from .files import check_sweep as check_sweep
 
-# Creates an empty file in place of any other, without following a symbolic link.
+# Creates an empty file in place of one of ours, without following a symbolic link.
 from .files import create as create
+
+# Deletes a file of ours, if there is one; raises `NotWritten` if it is not ours, or was read.
+from .files import discard as discard
 
 # The value of a JSON text; raises `ValueError` if it is not JSON, or nested too deeply.
 from .files import json_of as json_of
@@ -122,14 +125,8 @@ from .files import locked as locked
 # The error to raise for a folder without a sweep.
 from .files import no_sweep as no_sweep
 
-# A path with the home directory in place of a leading `~`, if there is such a user.
-from .files import path_of as path_of
-
 # Prints a value as strict JSON; numbers that are not finite become null.
 from .files import print_json as print_json
-
-# Context in which these files are never overwritten; paths that are no files are ignored.
-from .files import reading as reading
 
 # The record in a run's folder, or the record file itself; raises `BadRun` if there is none.
 from .files import record_file as record_file
@@ -159,6 +156,30 @@ from .findings import missing_files as missing_files
 # Whether one of the findings is a refusal.
 from .findings import refused as refused
 
+# Largest file of text that is read as a whole [bytes].
+from .inputs import LARGEST_TEXT as LARGEST_TEXT
+
+# Checks a file of the user's before a library opens it (regular, bounded); it counts as read.
+from .inputs import check_input as check_input
+
+# A file opened for reading, if it is a regular one of bounded size.
+from .inputs import opened_file as opened_file
+
+# A path with the home directory in place of a leading `~`, if there is such a user.
+from .inputs import path_of as path_of
+
+# The content of a regular file of bounded size.
+from .inputs import read_bytes as read_bytes
+
+# The content of a regular file of bounded size, the user's, which then counts as read.
+from .inputs import read_input as read_input
+
+# Context in which no file that is read is replaced, however its path is written.
+from .inputs import reading as reading
+
+# A command's options with the home directory in place of every leading `~`.
+from .inputs import with_homes as with_homes
+
 # The package coal, imported on first use; its absence is a `MissingPackage`.
 from .optional import coal as coal
 
@@ -170,6 +191,12 @@ from .optional import pin as pin
 
 # Imports a package that an extra installs; `purpose` says what needs it.
 from .optional import require as require
+
+# Whether a file is empty, a record of ours, or has a content that was signed.
+from .signatures import is_ours as is_ours
+
+# Records that the content of a file is ours.
+from .signatures import sign as sign
 
 # A clock [s] that stops while this thread compiles, to measure the cost of a run.
 from .stopwatch import clock as clock

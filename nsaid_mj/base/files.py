@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from .errors import BadRun, FolderInUse, InvalidInput, NotWritten
+from .inputs import path_of, read_input
+from .signatures import check_replaceable, sign, unused
 
 RECORDING = "run.rrd"
 """File of a run's recording."""
@@ -22,26 +24,6 @@ RECORD = "record.arrow"
 
 SWEEP = ("manifest.json", "rows.jsonl", "results.parquet")
 """Files of a sweep: what it is, one row for every run, and their table."""
-
-
-def path_of(text: str | os.PathLike[str]) -> Path:
-    """A path with the home directory in place of a leading `~`, if there is such a user.
-
-    Raises:
-        InvalidInput: the operating system does not accept such a path.
-    """
-    path = Path(text)
-    with suppress(RuntimeError):  # of a file that is called ~.csv
-        path = path.expanduser()
-    try:
-        path.exists()
-    except OSError as error:  # a name of 300 letters, a folder that may not be searched
-        name = f"{str(path)[:60]}…"
-        reason = error.strerror or str(error)
-        raise InvalidInput(
-            "path", "the name of a file", f"{name}: {reason}", "Correct it."
-        ) from error
-    return path
 
 
 def record_file(path: Path) -> Path:
@@ -78,7 +60,7 @@ def json_of(text: str | bytes) -> Any:
 def toml_of(path: Path, flag: str, remedy: str) -> dict[str, Any]:
     """The content of a TOML file that a flag names; raises `InvalidInput` if it is not readable."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(read_input(path_of(path)).decode())
     except (OSError, ValueError, RecursionError) as error:
         expected = "a readable TOML file"
         raise InvalidInput(flag, expected, f"{path}: {error}", remedy) from error
@@ -122,61 +104,69 @@ def atomic_write(path: Path) -> Iterator[Path]:
     Raises:
         NotWritten: the operating system refuses to write.
     """
-    partial = path.with_name(f".{path.name}.part")
-    if _inputs and path.resolve() in _inputs:
-        raise NotWritten(path, "it is a file that was read", "Give another folder with --out")
     with writing(path):
+        check_replaceable(path)
+        partial = unused(path)
         try:
-            create(partial)
             yield partial
             with partial.open("rb") as stream:
                 os.fsync(stream.fileno())
+            sign(path, partial)
             partial.replace(path)
         finally:
             with suppress(OSError):  # of a folder that is gone
                 partial.unlink(missing_ok=True)
 
 
-_inputs: set[Path] = set()  # files that the current command reads
+def check_own(folder: Path, results: Sequence[str], remedy: str | None = "") -> None:
+    """Checks, before any work, that a command may write its files into a folder.
 
-
-@contextmanager
-def reading(*paths: str | Path | None) -> Iterator[None]:
-    """Context in which these files are never overwritten; paths that are no files are ignored."""
-    resolved = {Path(path).resolve() for path in paths if path}
-    files = {path for path in resolved if path.is_file()} - _inputs
-    _inputs.update(files)
-    try:
-        yield
-    finally:
-        _inputs.difference_update(files)
-
-
-def check_own(folder: Path, results: Sequence[str], remedy: str = "") -> None:
-    """Checks that a command overwrites only files that it made itself.
-
-    The folder may be missing, or hold hidden files; `results` are names of files that mark it as
-    one of such results. `remedy` is an alternative to another folder.
+    The folder may be missing, or hold hidden files. Of the names of `results`, what is there must
+    be ours by its content; other files may be there only beside such results. `remedy` is an
+    alternative to another folder, and None if the user wants to write among other files.
 
     Raises:
-        BadRun: the folder holds other files only.
+        BadRun: a file would be lost, or the folder holds other files only.
     """
-    with suppress(OSError):  # of a folder that is missing, or a file
-        there = folder.resolve()  # new/../old is `old` once new is made
-        others = [path.name for path in there.iterdir() if not path.name.startswith(".")]
-        if others and not set(others) & set(results):
-            raise BadRun(
-                folder,
-                f"it holds other files, such as {min(others)}",
-                f"Give another folder with --out{remedy}",
-            )
+    try:  # new/../old is `old` once new is made
+        real = folder.resolve()
+        there = {path.name for path in real.iterdir()}
+    except (OSError, RuntimeError):  # of a folder that is missing, a file, or a link to itself
+        return
+    for name in sorted(there & set(results)):
+        try:
+            check_replaceable(real / name)
+        except NotWritten as error:
+            holds = f"it holds other files, such as {name}: {error.reason}"
+            raise NotWritten(folder, holds, error.remedy) from error
+    others = [name for name in there if not name.startswith(".")]
+    if remedy is not None and others and not there & set(results):
+        raise BadRun(
+            folder,
+            f"it holds other files, such as {min(others)}",
+            f"Give another folder with --out{remedy}",
+        )
 
 
 def create(path: Path) -> None:
-    """Creates an empty file in place of any other, without following a symbolic link."""
-    path.unlink(missing_ok=True)
+    """Creates an empty file in place of one of ours, without following a symbolic link.
+
+    Raises:
+        NotWritten: the file that is there was read by this command, or is not ours.
+    """
+    discard(path)
     flags = os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_NOFOLLOW", 0)
     os.close(os.open(path, flags, 0o666))
+
+
+def discard(path: Path) -> None:
+    """Deletes a file of ours, if there is one.
+
+    Raises:
+        NotWritten: the file that is there was read by this command, or is not ours.
+    """
+    check_replaceable(path)
+    path.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -50,7 +50,12 @@ def main(scenario: Scenario, arguments: Sequence[str] | None = None) -> NoReturn
     """Runs a scenario from its script, with the flags of `nsaid run`."""
     script = Path(sys.argv[0])
     given = sys.argv[1:] if arguments is None else arguments
-    _exit(lambda: _with_script_errors(lambda: _run(script.stem, scenario, given)))
+
+    def action() -> int:
+        with reading(script):
+            return _with_script_errors(lambda: _run(script.stem, scenario, given))
+
+    _exit(action)
 
 
 def run_from_shell() -> NoReturn:
@@ -91,7 +96,8 @@ def _say(words: object, code: int) -> int:
 
 def command(arguments: Sequence[str]) -> int:
     """Executes a command line and returns the exit code."""
-    return _with_script_errors(lambda: _command(arguments))
+    with reading():
+        return _with_script_errors(lambda: _command(arguments))
 
 
 def _with_script_errors(action: Callable[[], int]) -> int:
@@ -234,7 +240,6 @@ def _carry_out(
 
         watchers.append(LiveRecording(title, output.live_speed))
     with (
-        reading(name, getattr(scenario.plant, "robot", None)),
         folder_for(title, scenario, output.out, output.force) as folder,
         Progress(title, quiet=output.quiet or output.json) as progress,
     ):

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
-from ..base import BadRun, InvalidInput
+from ..base import BadRun, InvalidInput, path_of
 
 
 def without_excitation(arguments: Sequence[str]) -> tuple[str, Sequence[str]]:
@@ -39,5 +38,5 @@ def check_excitation(given: str) -> None:
     if given and word != "designed":
         expected = "`designed`, or `designed:FOLDER` of an earlier `nsaid excite`"
         raise InvalidInput("--excitation", expected, given, "All else is in the scenario's script.")
-    if colon and not (Path(folder) / "scenario.json").is_file():
+    if colon and not (path_of(folder) / "scenario.json").is_file():
         raise BadRun(folder, "there is no design", "Give the folder that `nsaid excite` wrote")

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Union
 import tyro
 from tyro.conf import Positional, UseAppendAction, arg, subcommand
 
+from ..base import with_homes
 from .grammar_of_studies import (
     Compare,
     CompareModels,
@@ -180,7 +181,7 @@ class Live:
         every: time between two printed estimates [s]; 0 for all.
         view: stream into the Rerun viewer.
         out: folder of the run; by default runs/NAME-live-LAW, numbered.
-        force: overwrite a completed run in the folder.
+        force: replace a run in the folder; files of yours are never replaced.
         json: print estimates and summary as lines of JSON.
         quiet: print only errors.
     """
@@ -217,7 +218,7 @@ class RunOptions:
 
     Attributes:
         out: folder of the run; by default runs/NAME-LAW, numbered if that holds a completed run.
-        force: overwrite a completed run in the folder.
+        force: replace a run in the folder; files of yours are never replaced.
         quiet: print only errors.
         json: print only the summary, as JSON, to the standard output.
         live: show the run in the Rerun viewer while it runs, in real time.
@@ -291,12 +292,13 @@ def parse(arguments: Sequence[str]) -> Any:
     """
     word = next(iter(arguments), "")
     if word in COMMANDS:
-        return tyro.cli(
+        options = tyro.cli(
             COMMANDS[word],
             prog=f"nsaid {word}",
             args=list(arguments[1:]),
             config=(tyro.conf.FlagCreatePairsOff,),
         )
+        return with_homes(options)
     firsts = {name: (kind.__doc__ or "").partition("\n")[0] for name, kind in COMMANDS.items()}
     choices = [
         Annotated[kind, subcommand(name, description=firsts[name])]
@@ -317,4 +319,4 @@ def parse(arguments: Sequence[str]) -> Any:
 
 def parse_comparison(arguments: Sequence[str]) -> Any:
     """Parses what follows `nsaid compare` where it begins with a flag: `CompareModels`."""
-    return tyro.cli(CompareModels, prog="nsaid compare", args=list(arguments))
+    return with_homes(tyro.cli(CompareModels, prog="nsaid compare", args=list(arguments)))

@@ -29,7 +29,8 @@ class Compare:
         noise_scales: comma-separated multiples of the scenario's noise.
         budget: CPU time of the search by sysid [s].
         bound: also compute the Cramér–Rao bound of the noisy logs, and compare with it.
-        out: folder of the results; by default runs/NAME-compare.
+        out: folder of the results; by default runs/NAME-compare, numbered if that is taken.
+        force: overwrite a finished study in the folder.
         quiet: print only errors.
         json: print only the table, as JSON, to the standard output.
     """
@@ -42,6 +43,7 @@ class Compare:
     budget: float | None = None
     bound: bool = False
     out: Path | None = None
+    force: bool = False
     quiet: bool = False
     json: bool = False
     scenario: ScenarioName = field(kw_only=True)
@@ -119,7 +121,8 @@ class Track:
     Attributes:
         laws: comma-separated: nullspace, conventional, computed_torque, composite; by default all.
         seeds: such as 0,1,2 or 0:10.
-        out: folder of the results; by default runs/NAME-track.
+        out: folder of the results; by default runs/NAME-track, numbered if that is taken.
+        force: overwrite a finished study in the folder.
         quiet: print only errors.
         json: print only the results, as JSON, to the standard output.
     """
@@ -127,6 +130,7 @@ class Track:
     laws: str | None = None
     seeds: str = "0:10"
     out: Path | None = None
+    force: bool = False
     quiet: bool = False
     json: bool = False
     scenario: ScenarioName = field(kw_only=True)

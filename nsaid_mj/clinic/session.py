@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import io
 import socket
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import orjson
@@ -208,7 +208,7 @@ class Session:
     @single_threaded
     def run(
         self,
-        lines: BinaryIO | socket.socket,
+        lines: Iterable[bytes] | socket.socket,
         folder: Path,
         show: Callable[[LiveEstimate], None],
         every: float = 0.0,

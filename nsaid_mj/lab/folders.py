@@ -9,7 +9,17 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..base import RECORD, BadRun, FolderInUse, check_own, json_of, locked
+from ..base import (
+    RECORD,
+    BadRun,
+    FolderInUse,
+    NotWritten,
+    check_own,
+    json_of,
+    locked,
+    path_of,
+    read_bytes,
+)
 
 if TYPE_CHECKING:
     from ..core import IdentifierConfig
@@ -17,8 +27,11 @@ if TYPE_CHECKING:
 
 RUNS = Path("runs")
 _FORCE = ", or --force to write among them"
-RUN = (RECORD, "scenario.json", "summary.json")
-"""Files that mark the folder of a run, even of one that ended early."""
+RUN = (
+    *(RECORD, "scenario.json", "summary.json", "report.html"),
+    *("run.rrd", "verify.json", "faults.json"),
+)
+"""Files of a run, even of one that ended early."""
 
 
 def title_of(name: str, default: Scenario, scenario: Scenario) -> str:
@@ -43,7 +56,7 @@ def folder_for(
         FolderInUse: another run is writing into `out`.
     """
     law = _law_of(scenario.identifier)
-    return _free(f"{title}-{law}", out, force, holds_completed_run, "a completed run", RUN)
+    return _free(f"{title}-{law}", out, force, holds_run, "a run", RUN)
 
 
 def _law_of(identifier: IdentifierConfig) -> str:
@@ -56,18 +69,20 @@ def _law_of(identifier: IdentifierConfig) -> str:
 
 
 def folder_for_results(
-    name: str, out: Path | None, force: bool, file: str, results: str
+    name: str, out: Path | None, force: bool, files: Sequence[str], results: str
 ) -> AbstractContextManager[Path]:
     """Context with the folder of results, locked: `out`, or runs/NAME, numbered as above.
 
-    A folder with the `file` holds such `results`, in words.
+    The command writes these `files`; a folder with the first of them holds such `results`, in
+    words.
 
     Raises:
-        BadRun: `out` holds results, and `force` is not set; or it cannot be written to.
+        BadRun: `out` holds results, and `force` is not set; a file of the user's has one of the
+            names; or it cannot be written to.
         FolderInUse: another process is writing into `out`.
     """
     check_writable(out or RUNS)  # before the results are computed, which may take a minute
-    return _free(name, out, force, lambda folder: (folder / file).is_file(), results, (file,))
+    return _free(name, out, force, lambda folder: (folder / files[0]).is_file(), results, files)
 
 
 @contextmanager
@@ -77,18 +92,17 @@ def _free(
     force: bool,
     holds_results: Callable[[Path], bool],
     results: str,
-    known: Sequence[str],
+    files: Sequence[str],
 ) -> Iterator[Path]:
     """Yields `out`, or the first of runs/NAME, runs/NAME-2, … without results, locked."""
-    if out is not None and not force:
-        check_own(out, known, _FORCE)
     numbered = (RUNS / f"{name}-{number}" for number in itertools.count(2))
-    for folder in itertools.chain([RUNS / name], numbered) if out is None else [out]:
+    for folder in itertools.chain([RUNS / name], numbered) if out is None else [path_of(out)]:
         with ExitStack() as stack:
             try:
+                check_own(folder, files, None if force else _FORCE)
                 stack.enter_context(locked(folder))
-            except FolderInUse:
-                if force or out is not None:
+            except (FolderInUse, BadRun) as error:
+                if out is not None or (type(error) is NotWritten and not folder.is_dir()):
                     raise
                 continue
             if force or not holds_results(folder):
@@ -102,10 +116,20 @@ def _free(
                 )
 
 
+def holds_run(folder: Path) -> bool:
+    """Whether a folder has a completed run, or the rows of one that was ended before."""
+    from .record import Record
+
+    try:
+        return holds_completed_run(folder) or len(Record.opened(folder)) > 0
+    except BadRun:  # no run at all
+        return False
+
+
 def holds_completed_run(folder: Path) -> bool:
     """Whether a folder has the summary of a completed run."""
     try:
-        summary = json_of((folder / "summary.json").read_bytes())
+        summary = json_of(read_bytes(folder / "summary.json"))
     except (OSError, ValueError):  # a run killed before its evaluation, or no run at all
         return False
     return isinstance(summary, dict) and summary.get("status") == "completed"

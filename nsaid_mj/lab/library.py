@@ -12,7 +12,7 @@ from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..base import InvalidInput, NsaidError, UnknownName
+from ..base import LARGEST_TEXT, InvalidInput, NsaidError, UnknownName, check_input, path_of
 from ..robots import scenarios
 
 if TYPE_CHECKING:
@@ -84,9 +84,11 @@ def load(name: str) -> Scenario:
     """
     known = scenarios()
     path = Path(name) if name.endswith(".py") or name not in known else known[name]
+    path = path_of(path)
     if path.suffix != ".py" or not path.is_file():
         remedy = "The name comes before all flags; a script is given by its path, ending in .py."
         raise UnknownName("scenario", name, known, remedy)
+    check_input(path, LARGEST_TEXT)
     name = f"_scenario_{path.stem}"
     loader = _Script(name, str(path))
     spec = importlib.util.spec_from_file_location(name, path, loader=loader)

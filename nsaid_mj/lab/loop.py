@@ -14,7 +14,18 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from ..base import BadRun, clock, compile_seconds, json_of, locked, single_threaded, writing
+from ..base import (
+    BadRun,
+    check_own,
+    clock,
+    compile_seconds,
+    discard,
+    json_of,
+    locked,
+    read_bytes,
+    single_threaded,
+    writing,
+)
 from ..core import (
     Array,
     FaultEvent,
@@ -35,7 +46,7 @@ from .setup import Seeds, Setup
 from .source import Simulation, Source
 
 DERIVED = ("summary.json", "scenario.json", "run.rrd", "report.html", "verify.json", FAULTS)
-"""Files of an earlier run that `run` deletes from its folder."""
+"""Files of an earlier run that `run` deletes from its folder, if they are ours."""
 
 
 @dataclass(eq=False, kw_only=True)
@@ -78,8 +89,8 @@ class Run:
         if not file.is_file():
             return ()
         try:
-            return tuple(FaultEvent.of(keys) for keys in json_of(file.read_bytes()))
-        except (KeyError, TypeError, ValueError) as error:
+            return tuple(FaultEvent.of(keys) for keys in json_of(read_bytes(file)))
+        except (KeyError, TypeError, ValueError, OSError) as error:
             raise BadRun(file, "not a list of faults", "Run the scenario again") from error
 
 
@@ -158,8 +169,9 @@ def followed(
     r = structural(system, robot.prior, rng).r
     with writing(folder):  # files of an earlier run could be mistaken for this one's
         folder.mkdir(parents=True, exist_ok=True)
+        check_own(folder, (RECORD_FILE, *DERIVED), None)
         for name in DERIVED:
-            (folder / name).unlink(missing_ok=True)
+            discard(folder / name)
     space = system.space
     widths = columns(system, scenario)
     known = {"names": space.names, "units": space.units, "scale": space.scale.tolist(), "r": r}

@@ -11,6 +11,7 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 
 import tyro
 
+from ..base import with_homes
 from ..robots import robot_file, vehicle_files
 from .plants.world.config import PlantConfig
 from .plants.world.faults.kinds import Fault
@@ -84,7 +85,7 @@ def parse_flags(
     given |= {path: field_at(filled, path) for path in paths if path not in main}
     changed = {path: new for path, new in given.items() if new != field_at(default, path)}
     chosen: dict[str, Any] = {"scenario": name} | {key: getattr(filled, key) for key in own}
-    return with_fields(default, changed), options(**chosen)
+    return with_fields(default, changed), with_homes(options(**chosen))
 
 
 def repeated_flags(default: Scenario, scenario: Scenario) -> tuple[str, ...]:

@@ -11,9 +11,11 @@ from ..base import (
     LARGEST,
     BadRun,
     InvalidInput,
+    check_own,
     installed,
     json_of,
     locked,
+    read_bytes,
     single_threaded,
     write_json,
     write_text,
@@ -70,6 +72,7 @@ def finish(
             raise BadRun(run.folder, "it holds another run's record", "Run the scenario again")
         if run.ending.status is Status.completed and not len(run.record):
             raise BadRun(run.folder, "its record is empty", "Run the scenario again")
+        check_own(run.folder, (SUMMARY, SCENARIO, "report.html", "run.rrd"), None)
         return _finish(run, say, command, earlier)
 
 
@@ -140,7 +143,7 @@ def _earlier(run: Run) -> RunResult | None:
     file = run.folder / SUMMARY
     scenario = run.scenario
     try:
-        found = json_of(file.read_bytes())
+        found = json_of(read_bytes(file))
     except (OSError, ValueError):
         return None
     ours = isinstance(found, dict) and found.get("scenario_hash") == scenario.hash

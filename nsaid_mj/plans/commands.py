@@ -8,7 +8,8 @@ The work is in `studies` and `track`.
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -38,6 +39,8 @@ class ToCompareMethods(Protocol):
 
     methods: str | None
     seeds: str
+    out: Path | None
+    force: bool
     durations: str | None
     sensors: str | None
     noise_scales: str | None
@@ -76,6 +79,8 @@ class ToTrack(Protocol):
 
     laws: str | None
     seeds: str
+    out: Path | None
+    force: bool
     quiet: bool
     json: bool
 
@@ -107,9 +112,12 @@ def compare_methods(given: Mapping[str, Any], chosen: ToCompareMethods, folder: 
         budget=BUDGET if chosen.budget is None else chosen.budget,
         bound=chosen.bound,
     )
-    result, _ = run_comparison(study, folder, quiet=chosen.quiet or chosen.json)
-    if chosen.json:
-        print((folder / COMPARE_FILES[0]).read_text(encoding="utf-8"), end="")
+    pictures = ("data_length.png", "noise.png", "wall_time.png")
+    files = (*COMPARE_FILES, "report.html", *pictures)
+    with _finished(folder, chosen, files) as own:
+        result, _ = run_comparison(study, own, quiet=chosen.quiet or chosen.json)
+        if chosen.json:
+            print((own / COMPARE_FILES[0]).read_text(encoding="utf-8"), end="")
     return code_of(result)
 
 
@@ -173,10 +181,21 @@ def compare_trackers(given: Mapping[str, Any], chosen: ToTrack, folder: Path) ->
     from .track.tracking import TRACKING_FILES, tracking_plan
 
     study = tracking_plan(**given, laws=laws, seeds=seeds)
-    result, _ = run_tracking(study, folder, quiet=chosen.quiet or chosen.json)
-    if chosen.json:
-        print((folder / TRACKING_FILES[0]).read_text(encoding="utf-8"), end="")
+    files = (*TRACKING_FILES, "report.html", "tracking.png", "tracking.rrd")
+    with _finished(folder, chosen, files) as own:
+        result, _ = run_tracking(study, own, quiet=chosen.quiet or chosen.json)
+        if chosen.json:
+            print((own / TRACKING_FILES[0]).read_text(encoding="utf-8"), end="")
     return code_of(result)
+
+
+def _finished(
+    folder: Path, chosen: ToCompareMethods | ToTrack, files: Sequence[str]
+) -> AbstractContextManager[Path]:
+    """Context with the folder of a study that is not resumed: a finished one needs --force."""
+    from ..lab import folder_for_results
+
+    return folder_for_results(folder.name, chosen.out, chosen.force, files, "a finished study")
 
 
 def draw_sweep(folder: Path) -> int:

@@ -159,9 +159,6 @@ from .plots import categories as categories
 # Draws a panel's curves into axes.
 from .plots import curves as curves
 
-# Whether a path is that of a PNG file that `png_of` wrote.
-from .plots import is_own as is_own
-
 # Draws a curve with its name, by which the page finds its values; huge ones are left out.
 from .plots import line as line
 

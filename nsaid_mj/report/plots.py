@@ -22,6 +22,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
+from ..base import atomic_write
 from ..core import Array
 from .page import VARIABLES
 from .page import Figure as PageFigure
@@ -39,7 +40,7 @@ WIDE = 6.2
 _HEIGHT = 2.6
 _HUGE = 1e200  # larger values are not drawn: matplotlib's margins overflow
 _DPI = 110  # of a PNG
-_MAKER = "nsaid-mj"  # in a PNG file
+_MAKER = "nsaid-mj"  # in a PNG file, by which `base.is_ours` knows it
 _LONG = 28  # characters of a category's label, at most
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _STYLE: dict[str, Any] = {
@@ -324,14 +325,6 @@ def _local(name: str) -> str:
     return name.rpartition("}")[2]
 
 
-def is_own(path: Path) -> bool:
-    """Whether a path is that of a PNG file that `png_of` wrote."""
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return b"Software\0" + _MAKER.encode() in file.read(200)
-
-
 def png_of(
     lines: Sequence[Mapping[str, Callable[[Axes], None]]],
     size: tuple[float, float],
@@ -348,8 +341,7 @@ def png_of(
         path: path of the file; it is returned.
         names: names of the lines, on their left; empty for none.
     """
-    partial = path.with_name(f".{path.name}.part")
-    with style():
+    with atomic_write(path) as partial, style():
         figure = Figure(figsize=size, layout="constrained")
         axes = figure.subplots(len(lines), len(lines[0]), squeeze=False)
         handles: dict[str, Any] = {}
@@ -365,5 +357,4 @@ def png_of(
         if handles:
             figure.legend(handles.values(), handles.keys(), loc="outside right center")
         figure.savefig(partial, format="png", dpi=_DPI, metadata={"Software": _MAKER})
-    partial.replace(path)
     return path

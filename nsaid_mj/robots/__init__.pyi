@@ -147,6 +147,9 @@ from .tree import wxyz as wxyz
 # Writes a robot's URDF with identified values.
 from .urdf import write_urdf as write_urdf
 
+# Checks a model file and the files that it names, before a library opens them; they count as read.
+from .xml import check_named_files as check_named_files
+
 # Numbers with all their digits, as an attribute.
 from .xml import numbers as numbers
 

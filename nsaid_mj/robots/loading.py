@@ -9,7 +9,7 @@ from ..base import Finding
 from .errors import BadRobot
 from .files import REMEDY, robot_file
 from .model import RobotModel
-from .xml import read_xml
+from .xml import check_named_files, read_xml
 
 Base = Literal["held", "free"]
 """Whether a floating base is fixed to a stand or free."""
@@ -83,6 +83,7 @@ def _read(
 
         return load_mjcf(path, lock, joints, base)
     if root.tag == "robot":
+        check_named_files(path)
         from .urdf import load_urdf
 
         return load_urdf(path, root, encoding, lock, joints, base)

@@ -17,12 +17,12 @@ from lxml import etree
 from lxml.etree import SubElement
 from lxml.etree import _Element as Node
 
-from ..base import LARGEST, Finding, missing_files, pin
+from ..base import LARGEST, Finding, check_input, missing_files, pin
 from ..core import Array
 from .errors import BadRobot
 from .inertias import moved, moved_inside, plausible_size
 from .tree import body_name, wxyz
-from .xml import numbers, read_xml
+from .xml import check_named_files, numbers, read_xml
 
 _REMEDY = "Correct the file; MuJoCo's `simulate` must be able to load it."
 _UNDRAWN = (
@@ -43,9 +43,11 @@ def compile_file(path: Path) -> tuple[Any, Any, list[Finding]]:
     """
     try:
         if path.suffix.lower() == ".mjb":
+            check_input(path)
             mj = mujoco.MjModel.from_binary_path(str(path))
             check_numbers(str(path), mj)
             return None, mj, []
+        check_named_files(path)
         spec = mujoco.MjSpec.from_file(str(path))
         missing = _without_missing_files(spec, path.parent)
         findings = [
@@ -58,6 +60,9 @@ def compile_file(path: Path) -> tuple[Any, Any, list[Finding]]:
         return spec, mj, findings
     except UnicodeDecodeError as error:
         raise BadRobot(str(path), "", f"it is not UTF-8: {error}", "Save it as UTF-8.") from error
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise BadRobot(str(path), "", reason, "Give a readable, regular file.") from error
     except (ValueError, RuntimeError) as error:
         raise BadRobot(str(path), "", f"MuJoCo rejects it: {error}", _REMEDY) from error
 

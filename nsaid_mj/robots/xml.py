@@ -1,17 +1,25 @@
 """Model files as XML by lxml, with comments, order and namespaces."""
 
+import os
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 from lxml import etree
 from lxml.etree import _Element as Element
 
-from ..base import Finding, write_text
+from ..base import Finding, check_input, read_input, write_text
 from .errors import BadRobot
 
 _DECLARED = re.compile(rb"""^\s*<\?xml[^>]*encoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
+_FILES = (
+    "file",
+    "filename",
+    *(f"file{side}" for side in ("right", "left", "up", "down", "front", "back")),
+)
+"""Attributes of URDF and MJCF that name a file."""
 _WIDE = (b"\xff\xfe", b"\xfe\xff")
 
 
@@ -24,7 +32,7 @@ def read_xml(path: Path) -> tuple[Element, list[Finding]]:
         BadRobot: the file cannot be read, or is not XML; the message names the line.
     """
     try:
-        content = path.read_bytes()
+        content = read_input(path)
     except OSError as error:
         reason = error.strerror or str(error)
         raise BadRobot(str(path), "", reason, "Give the path of a readable file.") from error
@@ -43,6 +51,50 @@ def read_xml(path: Path) -> tuple[Element, list[Finding]]:
         return etree.fromstring(text.encode(), etree.XMLParser(encoding="utf-8")), findings
     except (etree.XMLSyntaxError, ValueError) as error:
         raise BadRobot(str(path), "", f"it is not XML: {error}", "Correct the file.") from error
+
+
+def check_named_files(path: Path) -> None:
+    """Checks a model file and the files that it names, before a library opens them.
+
+    They count as read. Included files are searched too; a name is sought in every folder where
+    MuJoCo and Pinocchio may look. Missing files are left to the library.
+
+    Raises:
+        BadRobot: a file is no regular one, or the model is not XML.
+    """
+    seen = {os.path.realpath(path)}
+    roots = [(path, read_xml(path)[0])]
+    while roots:
+        here, root = roots.pop()
+        included = {Path(node.get("file", "")).name for node in root.iter("include", "model")}
+        for file in _named_files(here.parent, path.parent, root):
+            if os.path.realpath(file) in seen or file.is_dir():
+                continue
+            seen.add(os.path.realpath(file))
+            try:
+                check_input(file)
+            except OSError as error:
+                reason = f"it names {file}: {error.strerror}"
+                raise BadRobot(str(path), "", reason, "Give a regular file.") from error
+            if file.name in included:
+                with suppress(BadRobot):  # the library says what is wrong with it
+                    roots.append((file, read_xml(file)[0]))
+
+
+def _named_files(here: Path, main: Path, root: Element) -> set[Path]:
+    """The files that exist of those named below an element, in a file of the folder `here`.
+
+    `main` is the folder of the file that includes it.
+    """
+    folders = {here, main}
+    names = set[str]()
+    for node in root.iter(etree.Element):
+        inside = [node.get(key) for key in ("meshdir", "texturedir", "assetdir")]
+        folders |= {base / value for value in inside if value for base in (here, main)}
+        names |= {value for key in _FILES if (value := node.get(key))}
+    plain = {name.partition("://")[2] or name for name in names}
+    paths = {folder / name for folder in folders for name in plain if "\0" not in name}
+    return {file for file in paths if os.path.lexists(file)}
 
 
 def write_xml(path: Path, root: Element, remarks: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import runpy
 import shlex
@@ -15,6 +14,7 @@ import pytest
 
 import nsaid_mj
 from nsaid_mj import ArmPlant, NullspaceAID, Scenario
+from nsaid_mj.base import sign, write_json
 from nsaid_mj.cli import grammar
 from nsaid_mj.cli.grammar import RunOptions
 from nsaid_mj.clinic.commands import identify as identifying
@@ -374,7 +374,8 @@ def pretend(folder: Path, status: str) -> Path:
     """Leaves what a run of this status leaves."""
     folder.mkdir(parents=True)
     (folder / "record.arrow").write_bytes(b"dear")
-    (folder / "summary.json").write_text(json.dumps({"status": status}))
+    write_json(folder / "summary.json", {"status": status})
+    sign(folder / "record.arrow")
     return folder
 
 

@@ -30,6 +30,7 @@ def folder(tmp_path_factory):
 def test_excite_writes_a_motion_a_scenario_a_page_and_a_recording(folder):
     names = {path.name for path in folder.iterdir()}
     assert names == {
+        ".nsaid-mj.json",
         "design.json",
         "design.rrd",
         "motion.csv",

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj import NsaidError
+from nsaid_mj.base.signatures import SIGNATURES
 from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.evaluation.summary import summary_of
 from nsaid_mj.lab.loop import run
@@ -42,7 +43,7 @@ def test_a_rebuilt_run_has_the_same_summary(tmp_path: Path) -> None:
     before = summary_of(postprocessing.finish(run(SHORT, tmp_path)))
     record = (tmp_path / RECORD_FILE).read_bytes()
     for name in FILES:
-        if name not in (RECORD_FILE, postprocessing.SUMMARY):
+        if name not in (SIGNATURES, RECORD_FILE, postprocessing.SUMMARY):
             (tmp_path / name).unlink()
     after = summary_of(postprocessing.rebuild(tmp_path))
     assert after["status"] == "completed"
@@ -60,11 +61,19 @@ def test_a_complete_record_without_summary_is_a_completed_run(tmp_path: Path) ->
     assert postprocessing.rebuild(tmp_path).ending.status == "completed"
 
 
-@pytest.mark.parametrize("summary", ["", "not JSON", '{"status": "plant diverged"}', "[]"])
-def test_a_corrupt_summary_is_ignored(summary: str, tmp_path: Path) -> None:
+def test_an_empty_summary_is_ignored(tmp_path: Path) -> None:
+    run(SHORT, tmp_path)
+    (tmp_path / postprocessing.SUMMARY).touch()
+    assert postprocessing.rebuild(tmp_path).ending.status == "completed"
+
+
+@pytest.mark.parametrize("summary", ["not JSON", '{"status": "plant diverged"}', "[]"])
+def test_another_summary_is_neither_believed_nor_replaced(summary: str, tmp_path: Path) -> None:
     run(SHORT, tmp_path)
     (tmp_path / postprocessing.SUMMARY).write_text(summary)
-    assert postprocessing.rebuild(tmp_path).ending.status == "completed"
+    with pytest.raises(NsaidError, match=r"summary\.json.*Move it elsewhere"):
+        postprocessing.rebuild(tmp_path)
+    assert (tmp_path / postprocessing.SUMMARY).read_text() == summary
 
 
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.9])

@@ -104,7 +104,7 @@ def test_a_kill_loses_at_most_the_last_second(killed: Killed) -> None:
 
 
 def test_a_killed_run_leaves_no_results_of_an_earlier_one(killed: Killed) -> None:
-    assert [path.name for path in killed.folder.iterdir()] == [RECORD_FILE]
+    assert [path.name for path in killed.folder.glob("[!.]*")] == [RECORD_FILE]
 
 
 def test_a_killed_run_is_finished_from_its_record(copy: Path) -> None:

@@ -191,11 +191,12 @@ def plant(folder: Path, victim: Path, *names: str) -> None:
 
 def test_links_planted_in_a_runs_folder_are_not_followed(tmp_path: Path) -> None:
     out, victim = tmp_path / "out", tmp_path / "victim"
-    plant(out, victim, *(f".{name}.part" for name in FILES if name != RECORD_FILE), *FILES)
+    partial = [f".{name}.part" for name in FILES if name != RECORD_FILE]
+    plant(out, victim, *partial, *FILES)
     postprocessing.finish(run(SHORT, out))
     assert victim.read_text() == "dear"
-    assert sorted(path.name for path in out.iterdir()) == sorted(FILES)
-    assert not any(path.is_symlink() for path in out.iterdir())
+    assert sorted(path.name for path in out.iterdir()) == sorted([*FILES, *partial])
+    assert not any((out / name).is_symlink() for name in FILES)
     assert strict((out / postprocessing.SUMMARY).read_text())["status"] == "completed"
     assert Record.read(out).complete
 
@@ -215,11 +216,11 @@ def test_links_planted_in_a_sweeps_folder_are_not_followed(tmp_path: Path) -> No
 
 
 def test_what_cannot_be_written_is_a_typed_error_with_a_remedy(tmp_path: Path) -> None:
-    (tmp_path / ".file.part").mkdir()
-    with pytest.raises(NotWritten, match=r"cannot be written.*--out"):
+    (tmp_path / "file").mkdir()
+    with pytest.raises(NotWritten, match=r"not written by nsaid-mj.*--out"):
         write_text(tmp_path / "file", "words")
     with pytest.raises(NotWritten), atomic_write(tmp_path / "gone" / "file"):
         pass
     with pytest.raises(ZeroDivisionError), atomic_write(tmp_path / "other"):
         raise ZeroDivisionError
-    assert [path.name for path in tmp_path.iterdir()] == [".file.part"]
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -32,7 +32,11 @@ from nsaid_mj.cli import commands as cli
 
 CHECKOUT = Path(__file__).parents[2]
 NSAID = Path(sys.executable).with_name("nsaid")
-FILES = ("report.html", "record.arrow", "run.rrd", "scenario.json", "summary.json")
+FILES = (
+    *(".nsaid-mj.json", "report.html", "record.arrow", "run.rrd", "scenario.json"),
+    "summary.json",
+)
+"""Files of a run; the first has the signatures of the others."""
 
 ROV = Scenario(
     plant=ScalarRovPlant(),

@@ -9,11 +9,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...base import CHOICES, InvalidInput, check_choice, numbers_in, path_of
+from ...base import CHOICES, LARGEST, InvalidInput, check_choice, numbers_in, path_of
 from ...robots import asset, check_model
 
 if TYPE_CHECKING:
     from .given import ToFollow, ToIdentify, ToInspect
+
+
+_LEAST_NOISE = 1e-10  # standard deviation [SI units]: finer than any sensor of a robot
+_MOST_NOISE = 1e3  # [SI units]: of such signals nothing can be identified
 
 
 def names_in(text: str) -> tuple[str, ...]:
@@ -25,7 +29,7 @@ def known_number(text: str) -> tuple[str, float]:
     """Name and value of a known parameter, of `NAME=VALUE`; raises `InvalidInput` otherwise."""
     name, equals, value = text.rpartition("=")
     try:
-        if not equals:
+        if not equals or not abs(float(value)) <= LARGEST:
             raise ValueError
         return name.strip(), float(value)
     except ValueError as error:
@@ -55,8 +59,11 @@ def check_identify(chosen: ToIdentify, model: str) -> None:
     check_choice("law", chosen.law)
     if chosen.delay != "auto":
         numbers_in("--delay", chosen.delay, "Such as 0.01.")
-    for text in chosen.known:
-        known_number(text)
+    known = [known_number(text)[0] for text in chosen.known]
+    for name in known:
+        if known.count(name) > 1:
+            both = ", ".join(text for text in chosen.known if known_number(text)[0] == name)
+            raise InvalidInput("--known", f"one value of {name}", both, "Leave out all but one.")
     if chosen.columns != "auto":
         for name in names_in(chosen.columns):
             if name not in CHOICES["column of a vehicle"]:
@@ -91,4 +98,13 @@ def check_live(chosen: ToFollow) -> None:
 
         NullspaceAID(law=chosen.law)  # type: ignore[arg-type]  # raises
     check_choice("frame", chosen.frame)
+    for flag, value, least, most in (
+        ("--position-noise", chosen.position_noise, _LEAST_NOISE, _MOST_NOISE),
+        ("--velocity-noise", chosen.velocity_noise, _LEAST_NOISE, _MOST_NOISE),
+        ("--prior-error", chosen.prior_error, 1e-6, 1e3),
+        ("--gain", chosen.gain, 1e-9, 1e9),
+        ("--every", chosen.every or None, 1e-6, 1e6),
+    ):
+        if value is not None and not least <= value <= most:
+            raise InvalidInput(flag, f"a number from {least:g} to {most:g}", value, "Correct it.")
     check_model(chosen.model)

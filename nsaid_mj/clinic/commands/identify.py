@@ -10,15 +10,7 @@ from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...base import (
-    InvalidInput,
-    numbers_in,
-    print_json,
-    printable,
-    reading,
-    write_json,
-    write_text,
-)
+from ...base import InvalidInput, numbers_in, print_json, printable, write_json, write_text
 from ...lab import check_writable, folder_for_results
 from ...report import EXPLAINED, UNUSABLE, code_of
 from ...robots import asset
@@ -37,6 +29,13 @@ RESULT = "identification.json"
 FIXED = "map-fixed.toml"
 
 
+def files_of_results(model: str) -> tuple[str, ...]:
+    """Files that `nsaid identify` writes for a model; the first marks a folder of results."""
+    name = Path(model).stem
+    own = (RESULT, "report.html", "run.rrd", "calibrated.yaml", "sysid.yaml", FIXED)
+    return (*own, f"{name}.urdf", f"{name}.xml")
+
+
 def identify_log(chosen: ToIdentify) -> int:
     """Executes `nsaid identify` and returns the exit code."""
     model = chosen.model or chosen.packed
@@ -45,11 +44,10 @@ def identify_log(chosen: ToIdentify) -> int:
     check_identify(chosen, model)
     from ..logs.formats import limited_to
 
+    name = f"{Path(model).stem}-identify"
+    files = files_of_results(model)
     with (
-        reading(model, *chosen.log, *chosen.validate, chosen.map, chosen.validate_map),
-        folder_for_results(
-            f"{Path(model).stem}-identify", chosen.out, chosen.force, RESULT, "results"
-        ) as folder,
+        folder_for_results(name, chosen.out, chosen.force, files, "results") as folder,
         limited_to(chosen.limit * 1e9),
     ):
         return _identify(model, chosen, folder)
@@ -269,13 +267,14 @@ def inspect_log(chosen: ToInspect) -> int:
         raise InvalidInput("logs", "one or more files", "none", "Such as `nsaid inspect log.csv`.")
     check_writable(chosen.out)
     check_inspect(chosen)
+    from ...base import writing
     from ..logs.formats import limited_to
 
     with limited_to(chosen.limit * 1e9):
         found, fixed = _inspected(chosen)
-    with reading(*chosen.logs, chosen.map, chosen.model):
+    with writing(chosen.out):
         chosen.out.mkdir(parents=True, exist_ok=True)
-        files = _files_of_inspection(chosen, found, fixed)
+    files = _files_of_inspection(chosen, found, fixed)
     if chosen.json:
         print_json(document(found) | ({"fix": fixed.document()} if fixed else {}))
     else:
@@ -324,13 +323,13 @@ def _inspected(chosen: ToInspect) -> tuple[Inspection, Fix | None]:
 
 def _files_of_inspection(chosen: ToInspect, found: Inspection, fixed: Fix | None) -> list[Path]:
     """Draws the picture and writes a map: the mended one, or a first one if none is given."""
-    from ...report import is_own
+    from ...base import is_ours
     from ..identify.inspection_page import draw_inspection
     from ..logs.first_map import first_map
 
     names = chain((PICTURE,), map("inspection-{}.png".format, count(2)))
     paths = (chosen.out / name for name in names)
-    files = [draw_inspection(found, next(p for p in paths if not p.exists() or is_own(p)))]
+    files = [draw_inspection(found, next(p for p in paths if not p.exists() or is_ours(p)))]
     if fixed is not None and fixed.kept:
         names = chain((FIXED,), map("map-fixed-{}.toml".format, count(2)))
         files.append(_write_map(chosen.out, names, fixed.text))
@@ -347,10 +346,26 @@ def _packed(logs: tuple[Path, ...]) -> bool:
 
 def _write_map(folder: Path, names: Iterable[str], text: str) -> Path:
     """Writes a map under the first name that is free, or has this text already."""
+    from ...base import create, writing
+
+    content = text.encode("utf-8", "replace")
     paths = (folder / name for name in names)
-    path = next(p for p in paths if not p.exists() or p.read_bytes() == text.encode())
-    write_text(path, text)
+    path = next(p for p in paths if not p.exists() or _holds(p, content))
+    if not path.exists():
+        with writing(path):
+            create(path)
+            path.write_bytes(content)
     return path
+
+
+def _holds(path: Path, text: bytes) -> bool:
+    """Whether a file has just this content."""
+    from ...base import read_bytes
+
+    try:
+        return read_bytes(path) == text
+    except OSError:
+        return False
 
 
 def document(found: Inspection) -> dict[str, object]:

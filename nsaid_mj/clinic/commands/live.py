@@ -26,7 +26,7 @@ def follow_robot(chosen: ToFollow) -> int:
     check_live(chosen)
     from ...lab import Progress, finish, print_result, summary_of
     from ..identify.measured import LiveRobot, measured_scenario
-    from ..logs.stream import bound
+    from ..logs.stream import bound, standard_input
     from ..session import Session
 
     name = Path(chosen.model).stem
@@ -42,7 +42,7 @@ def follow_robot(chosen: ToFollow) -> int:
             session = Session(scenario, chosen.frame)
             progress.say("loading kernels")
             session.warm_up()
-        lines = sys.stdin.buffer if chosen.udp is None else bound(chosen.udp)
+        lines = standard_input() if chosen.udp is None else bound(chosen.udp)
         space = session.robot.system.space
         system = session.robot.system
         if chosen.json:

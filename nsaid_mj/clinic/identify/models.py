@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...base import InvalidInput, NsaidError, UnknownName
+from ...base import InvalidInput, NsaidError, UnknownName, read_input
 from ...lab import load
 from ...robots import (
     BadRobot,
@@ -116,8 +116,8 @@ def plant_of(sheet: Path) -> PlantConfig:
     from ...lab import vehicle_families
 
     try:
-        content = tomllib.loads(sheet.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError):
+        content = tomllib.loads(read_input(sheet).decode())
+    except (OSError, ValueError, RecursionError):
         content = {}  # every family reports it alike
     families = {family.sheet.family: family for family in vehicle_families()}
     if (kind := content.get("kind")) is not None:

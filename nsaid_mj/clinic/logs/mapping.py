@@ -6,13 +6,23 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import field
 from math import pi
-from pathlib import Path
 from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, ValidationError
 
-from ...base import Flag, InvalidInput, Name, NonNegative, Number, Positive, config, shown
+from ...base import (
+    Flag,
+    InvalidInput,
+    Name,
+    NonNegative,
+    Number,
+    Positive,
+    config,
+    path_of,
+    read_input,
+    shown,
+)
 
 Quantity = Literal["position", "velocity", "command"]
 
@@ -413,10 +423,10 @@ def read_map(path: str | os.PathLike[str]) -> Map:
         InvalidInput: there is no such file, it is not TOML, or a field cannot be used; the message
             names the field.
     """
-    file = Path(path)
+    file = path_of(path)
     remedy = "`nsaid inspect LOG --model M` writes a map that fits the log."
     try:
-        content = tomllib.loads(file.read_text(encoding="utf-8"))
+        content = tomllib.loads(read_input(file).decode())
     except OSError as error:
         raise InvalidInput(str(file), "a map of columns", error.strerror, remedy) from error
     except (ValueError, RecursionError) as error:  # ValueError: not TOML, not UTF-8, 5000 digits

@@ -1,12 +1,13 @@
 """Samples of a live robot: lines from a pipe or over UDP, checked, as the source of a run."""
 
+import os
 import queue
 import socket
+import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import BinaryIO
 
 import numpy as np
 import orjson
@@ -19,6 +20,7 @@ from ...lab import LONGEST_STEP, Source, SourceSegment
 down and forward, right, down."""
 _TRIED = 50  # number of intervals whose median is compared with the stated rate
 _OFF = 0.2  # relative difference of both from which samples are refused
+_MOST = 1e8  # largest position, velocity or command [SI units]; a command may be a count of 24 bits
 _EXPECTED = 'a line such as {"t": 0.002, "q": [...], "v": [...], "u": [...]}'
 
 
@@ -29,7 +31,8 @@ class Counts:
     used: int = 0  # samples that the law received
     gaps: int = 0  # stretches without a sample
     missing: int = 0  # number of samples missing in them
-    not_finite: int = 0  # dropped: a number, or the time since the first sample, was not finite
+    # dropped: a number, or the time since the first sample, was not finite, or beyond `_MOST`
+    not_finite: int = 0
     duplicates: int = 0  # dropped because their time equalled that of the sample before
     late: int = 0  # dropped because a later sample had come before
     unreadable: int = 0  # lines that are not samples
@@ -73,7 +76,8 @@ class Cleaner:
             InvalidInput: the samples do not come at the stated rate.
         """
         counts = self.counts
-        if not (np.isfinite(t) and all(np.isfinite(part).all() for part in (q, v, u))):
+        sizes = (np.abs(part).max(initial=0.0) for part in (q, v, u))
+        if not (np.isfinite(t) and all(size <= _MOST for size in sizes)):  # NaN is not
             counts.not_finite += 1
             return None
         if self._start is None:
@@ -180,7 +184,7 @@ LOCAL = "127.0.0.1"
 
 
 class Stream(Source):
-    """Lines of JSON from a binary file, or a bound UDP socket with one or more lines per datagram.
+    """Lines of JSON, as from a binary file, or from datagrams of a bound UDP socket.
 
     A thread reads them, so that none is lost while the law is busy. The stream ends with the file,
     with the line `{"end": true}`, or when the user stops it. See `parsed`.
@@ -189,7 +193,7 @@ class Stream(Source):
     stopped = Status.completed
 
     def __init__(
-        self, system: SecondOrderSystem, cleaner: Cleaner, lines: BinaryIO | socket.socket
+        self, system: SecondOrderSystem, cleaner: Cleaner, lines: Iterable[bytes] | socket.socket
     ):
         self._system = system
         self._cleaner = cleaner
@@ -291,6 +295,22 @@ class Stream(Source):
                 if line.strip():
                     self._queue.put(line)
         self._queue.put(None)
+
+
+def standard_input() -> Iterator[bytes]:
+    """The lines of the standard input.
+
+    They are read without its buffer, in which a thread that waits for a silent sender would keep
+    Python from ending. A line of more than 65 536 bytes is cut.
+    """
+    left = b""
+    while block := os.read(sys.stdin.fileno(), _LARGEST):
+        *whole, left = (left + block).split(b"\n")
+        yield from whole
+        if len(left) > _LARGEST:
+            yield left
+            left = b""
+    yield left
 
 
 def bound(port: int) -> socket.socket:

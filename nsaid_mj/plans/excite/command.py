@@ -6,7 +6,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from ...base import LIMITS_FORM, InvalidInput, check_choice, print_json, reading, toml_of
+from ...base import (
+    LIMITS_FORM,
+    InvalidInput,
+    check_choice,
+    path_of,
+    print_json,
+    read_input,
+    toml_of,
+)
 from ...lab import folder_for_results
 from ...report import code_of
 from ...robots import check_model
@@ -14,7 +22,11 @@ from ...robots import check_model
 if TYPE_CHECKING:
     from ...lab import DriverConfig, Progress, Scenario
 
-DESIGN = "design.json"
+FILES = (
+    *("design.json", "motion.csv", "scenario.json", "scenario.py"),
+    *("report.html", "design.rrd"),
+)
+"""Files that `nsaid excite` writes; the first marks a folder of a design."""
 
 
 class ToDesign(Protocol):
@@ -44,12 +56,8 @@ def design_experiment(chosen: ToDesign) -> int:
     scenario = _scenario(chosen)
     path = Path(chosen.model or chosen.scenario)
     name = path.absolute().parent.name if path.name == "vehicle.toml" else path.stem
-    with (
-        reading(chosen.model, chosen.scenario, chosen.limits),
-        folder_for_results(
-            f"{name}-excite", chosen.out, chosen.force, DESIGN, "a design"
-        ) as folder,
-    ):
+    own = folder_for_results(f"{name}-excite", chosen.out, chosen.force, FILES, "a design")
+    with own as folder:
         return _designed_in(folder, name, scenario, chosen)
 
 
@@ -135,7 +143,7 @@ def designed(scenario: Scenario, given: str, progress: Progress) -> DriverConfig
 
     _, colon, folder = given.partition(":")
     if colon:
-        return Scenario.from_json((Path(folder) / "scenario.json").read_bytes()).excitation
+        return Scenario.from_json(read_input(path_of(folder) / "scenario.json")).excitation
     from .designing import design
     from .experiment import Experiment
 

@@ -18,8 +18,12 @@ from ...base import (
     BadRun,
     NotWritten,
     atomic_write,
+    is_ours,
     json_of,
     no_sweep,
+    opened_file,
+    read_bytes,
+    sign,
     without_nonfinite,
     write_json,
     writing,
@@ -28,6 +32,10 @@ from .runs import Runs
 from .study import Row, in_folder
 
 MANIFEST, ROWS, TABLE = SWEEP
+_ROW = 64 << 10  # most bytes of a row, which has some 2000
+_AGAIN = 1000  # lines of rows that were made again, at most
+PICTURE = "distributions.png"
+_KINDS = {"vary": dict, "script": str, "arguments": list, "runs": int}  # of a manifest
 NEEDED = ("theta_perp_ratio", "time_to_converge")
 """Figures without which the row of a run with a result is damaged."""
 
@@ -42,7 +50,7 @@ def read(folder: Path) -> Runs:
     """
     manifest = _manifest(folder)
     try:
-        data = (folder / ROWS).read_bytes()
+        data = read_bytes(folder / ROWS, _ROW * (manifest["runs"] + _AGAIN))
     except FileNotFoundError:
         data = b""
     except OSError as error:
@@ -71,17 +79,17 @@ def read(folder: Path) -> Runs:
 def _manifest(folder: Path) -> dict[str, Any]:
     """Reads a sweep's manifest, or its copy in the table if that is missing or damaged."""
     for text in (
-        (folder / MANIFEST).read_bytes,
-        lambda: (pq.read_schema(folder / TABLE).metadata or {})[b"nsaid"],
+        lambda: read_bytes(folder / MANIFEST),
+        lambda: _in_table(folder / TABLE),
     ):
         try:
             found = json_of(text())
-            if {"vary", "script", "arguments", "runs"} <= found.keys():
+            if all(isinstance(found[key], kind) for key, kind in _KINDS.items()):
                 return found
         except (OSError, ValueError, AttributeError, KeyError, TypeError):
             continue
     if (folder / MANIFEST).is_file():
-        raise BadRun(folder / MANIFEST, "not a sweep's manifest", "Delete the folder")
+        raise BadRun(folder / MANIFEST, "not a sweep's manifest", "Give another folder")
     if (folder / ROWS).is_file():
         raise BadRun(
             folder,
@@ -89,6 +97,12 @@ def _manifest(folder: Path) -> dict[str, Any]:
             f"Restore the file; or delete {ROWS}, to make all runs again",
         )
     raise no_sweep(folder)
+
+
+def _in_table(path: Path) -> bytes:
+    """The manifest in the metadata of a table."""
+    with opened_file(path) as stream:
+        return (pq.read_schema(stream).metadata or {})[b"nsaid"]
 
 
 def _row(line: bytes, manifest: dict[str, Any]) -> Row | None:
@@ -141,7 +155,8 @@ def opened(
     """
     rows = folder / ROWS
     remedy = "Make room on the disk; the same command then resumes"
-    with in_folder(folder, (MANIFEST, ROWS), quiet, done) as bar:
+    _sign_rows(folder)
+    with in_folder(folder, (ROWS, TABLE, "report.html", PICTURE), quiet, done) as bar:
         known = _resumed(folder, manifest, partial(bar.console.print, highlight=False))
         with writing(rows):
             flags = os.O_WRONLY | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)
@@ -163,6 +178,19 @@ def opened(
                 write_table(folder)
             raise
         write_table(folder)
+
+
+def _sign_rows(folder: Path) -> None:
+    """Signs the rows of a sweep, which grew since they were made, if the sweep itself is ours.
+
+    Raises:
+        BadRun: it holds another sweep's files, or rows of an unknown one.
+    """
+    rows = folder / ROWS
+    if (folder / MANIFEST).is_file() or (rows.is_file() and rows.stat().st_size):
+        read(folder)
+        if rows.is_file() and (is_ours(folder / MANIFEST) or is_ours(folder / TABLE)):
+            sign(rows)
 
 
 def _resumed(
@@ -188,7 +216,7 @@ def _resumed(
         write_json(folder / MANIFEST, before)
     if there.damaged:
         say(f"{there.damaged}; they are made again")
-    if not rows.is_file() or there.intact != rows.read_bytes():
+    if not rows.is_file() or len(there.intact) != rows.stat().st_size:
         with atomic_write(rows) as partial:  # without damaged and incomplete lines
             partial.write_bytes(there.intact)
     return {row["run"]: row for row in there.rows}

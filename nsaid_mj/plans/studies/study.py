@@ -134,7 +134,7 @@ def in_folder(
 ) -> Iterator[Bar]:
     """Context in which the folder of a study belongs to it; yields a bar of progress.
 
-    `own` are files that mark such a folder, `done` is the format of the bar's count.
+    `own` are files of such a study, `done` is the format of the bar's count.
 
     Raises:
         FolderInUse: another process is writing into the folder.

@@ -24,11 +24,11 @@ from ...report import (
     write_html,
 )
 from ...report import line as plots_line
+from .folder import PICTURE
 from .runs import RunGroup, Runs
 from .study_page import study_page
 from .sweep import SPREADS, lead_of, sweep_result, table_of
 
-PICTURE = "distributions.png"
 _DOTS = 400  # largest number of dots per group of runs
 _EARLY = (COLOURS[1], COLOURS[5], COLOURS[9], COLOURS[8], COLOURS[2])
 _NONE = "no result"

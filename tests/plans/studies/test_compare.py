@@ -325,7 +325,7 @@ def test_the_command_writes_all_and_prints_the_table(tmp_path, capsys):
     ]
     names = {path.name for path in (tmp_path / "out").iterdir()}
     pictures = {"data_length.png", "noise.png", "wall_time.png"}
-    assert names == {"compare.json", "compare.csv", "report.html"} | pictures
+    assert names == {".nsaid-mj.json", "compare.json", "compare.csv", "report.html"} | pictures
 
 
 def test_as_json_it_prints_nothing_else(tmp_path, capsys):

@@ -53,7 +53,7 @@ def test_rerun_accepts_the_file_and_nothing_else_is_left(file: Path) -> None:
     assert (
         subprocess.run([*viewer.program(), "rrd", "verify", str(file)], check=False).returncode == 0
     )
-    assert [path.name for path in file.parent.iterdir()] == [file.name]
+    assert {path.name for path in file.parent.iterdir()} == {file.name, ".nsaid-mj.json"}
 
 
 def test_recorded_commands_are_those_of_the_result(file: Path, result: Identification) -> None:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....base import RECORD, InvalidInput, NsaidError, printable
+from ....base import RECORD, InvalidInput, NsaidError, check_input, opened_file, printable
 from ..unusable import MissingExtra, UnreadableLog
 
 LIMIT = 4.0
@@ -72,8 +72,8 @@ FORMATS = (
     Format("dataflash", "pymavlink", (b"\xa3\x95\x80",), extra="dataflash"),
     Format("rrd", "Rerun", (b"RRF",), extra="view"),
 )
-TEXT = Format("text", "the reader of text tables", (b"\x1f\x8b",))
-"""Of a gzip file, and of any other without a byte 0 that no other format recognises."""
+TEXT = Format("text", "the reader of text tables", (b"\x1f\x8b", b"\xff\xfe", b"\xfe\xff"))
+"""Of a gzip file, of UTF-16, and of any other without a byte 0 that no other format recognises."""
 
 
 def files(path: Path) -> list[Path]:
@@ -109,11 +109,23 @@ def form_of(path: Path) -> Format:
     if not path.exists():
         raise UnreadableLog(path, "there is no such file", "Check the path.")
     head = b""
-    if path.is_file():
-        with path.open("rb") as stream:
-            head = stream.read(64)
-        if not head:
-            raise UnreadableLog(path, "the file is empty", "Record the log again.")
+    folder = path.is_dir()
+    inside = (
+        [file for file in path.rglob("*") if file.exists() and not file.is_dir()]
+        if folder
+        else [path]
+    )
+    try:
+        for file in inside:
+            check_input(file)
+        if not folder:
+            with opened_file(path) as stream:
+                head = stream.read(64)
+    except OSError as error:
+        reason = f"{error.filename}: {error.strerror}" if folder else f"{error.strerror}"
+        raise UnreadableLog(path, reason, "Give readable, regular files.") from error
+    if not folder and not head:
+        raise UnreadableLog(path, "the file is empty", "Record the log again.")
     found = next((form for form in (*FORMATS, TEXT) if form.recognises(path, head)), None)
     if found is not None or (path.is_file() and b"\x00" not in head):
         return found or TEXT

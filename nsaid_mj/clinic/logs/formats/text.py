@@ -29,6 +29,8 @@ _SAMPLE = 50  # lines to recognise the dialect, and fewer of more characters tha
 _SAMPLE_SIZE = 200_000
 _BLOCK = 1 << 20  # bytes to unpack at a time
 _PARSED = 1 << 26  # bytes to parse at a time
+_LONGEST = 1 << 20  # bytes of a line: some 50 000 columns
+_WIDE = (b"\xff\xfe", b"\xfe\xff")  # marks of UTF-16 at the beginning of a file
 _MOST_MALFORMED = 0.5  # share of rows beyond which a file is not a table
 
 
@@ -45,10 +47,17 @@ def read(path: Path) -> list[Columns]:
     """The columns of a text file.
 
     Raises:
-        UnreadableLog: it is beyond the limit, is not a table of at least one row, or leaves open
-            whether points or commas are its decimal marks.
+        UnreadableLog: it is beyond the limit, is not a table of at least one row, has a line of
+            more than 1 MB, or leaves open whether points or commas are its decimal marks.
     """
     text = _unpacked(path).removeprefix(b"\xef\xbb\xbf")
+    if text.startswith(_WIDE):
+        text = text.decode("utf-16", "replace").encode()
+    ends = np.flatnonzero(np.frombuffer(text, np.uint8) == ord("\n"))
+    longest = np.diff(ends, prepend=-1, append=len(text)).max()
+    if longest > _LONGEST:
+        reason = f"a line of it has {longest / 1e6:.3g} MB; a row of a log has less than 1 MB"
+        raise UnreadableLog(path, reason, "Export the log as one row for each sample.")
     comments = [line for line in text[:65536].splitlines() if _COMMENT.match(line)]
     if comments:
         text = _COMMENT_LINES.sub(b"", text)

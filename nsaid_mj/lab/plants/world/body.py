@@ -113,13 +113,14 @@ def _visual_spec(files: VehicleFiles, size: Sequence[float], n: int) -> Any:
     """MuJoCo's specification of a vehicle's model.xml, or of a box of the given size."""
     import mujoco
 
-    from ....robots import DRAWN
+    from ....robots import DRAWN, check_named_files
 
     path = files.model
     if not path.is_file():
         half = " ".join(f"{0.5 * length:.9g}" for length in size)
         return mujoco.MjSpec.from_string(_BOX.format(name="box", joints=_XML[n], size=half))
     try:
+        check_named_files(path)
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
         raise InvalidInput(

@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Self, get_args, get_origin
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
-from ....base import InvalidInput, UnknownName
+from ....base import InvalidInput, UnknownName, read_input
 from ....core import Array
 from ....robots import vehicle_files
 
@@ -89,7 +89,7 @@ class Sheet(SheetTable):
         """
         path = vehicle_files(vehicle).sheet
         try:
-            content = tomllib.loads(path.read_text(encoding="utf-8"))
+            content = tomllib.loads(read_input(path).decode())
         except (ValueError, RecursionError) as error:  # not TOML, not UTF-8, or 5000 digits
             raise InvalidInput(str(path), "a TOML file in UTF-8", error, _REMEDY) from error
         except OSError as error:
