@@ -18,7 +18,7 @@ from .inertias import make_physical
 from .mjcf_file import compile_file
 from .model import RobotModel, check_tree, home, locked_joints, reduced
 from .shapes import Shapes, shapes_of_geoms
-from .tree import joint_names, motors, position_servos, rigid_tree
+from .tree import joint_names, motor_name, motors, position_servos, rigid_tree
 
 _NAMELESS = "MuJoCo Model"  # MuJoCo's name of a model without one
 _HELD = "this free joint was fixed at its initial pose", "Use logs of a robot on a stand."
@@ -73,6 +73,7 @@ def load_mjcf(
         file=path,
         passive=passive,
         servos=servos,
+        motors=tuple(motor_name(mj, names.index(joint)) for joint in moving),
     )
     mixed = [] if servos is not None else [f for f in said if f.code == "servo"]
     warned = [str(f) for f in [*findings, *mixed] if f.level == "warning"]

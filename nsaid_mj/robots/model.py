@@ -48,6 +48,7 @@ class RobotModel:
         passive: names of the joints without an actuator in a file that has some.
         servos: servos of the joints that are not passive; None unless each has a position servo.
             Their `limits` are forces.
+        motors: names of the joints' actuators, "" for one without; () if the file names none.
         top_speed: speed of the rotors at full command [rad/s]; inf where the sheet has none.
     """
 
@@ -68,6 +69,7 @@ class RobotModel:
     file: Path | None = None
     passive: tuple[str, ...] = ()
     servos: Servos | None = None
+    motors: tuple[str, ...] = ()
     top_speed: float = np.inf
 
     def __post_init__(self) -> None:

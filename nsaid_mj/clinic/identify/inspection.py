@@ -99,7 +99,8 @@ def _servo_findings(
     tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel
 ) -> tuple[Finding, ...] | None:
     """Findings about position targets of a servo arm; None for other logs."""
-    if not any(finding.code == "servo" for finding in robot.findings):
+    under_pd = mapping is not None and mapping.pd is not None
+    if under_pd or not any(finding.code == "servo" for finding in robot.findings):
         return None
     from ..servos.identify import read_servos
 

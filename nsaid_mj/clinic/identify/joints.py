@@ -42,7 +42,7 @@ from .links import (
 )
 from .problem import FitProblem, Size, mean_squares
 from .rows import Rows, unrolled, with_columns
-from .smoothing import Filter, delayed, smooth, smooth_commands
+from .smoothing import Filter, delayed, fed_back, smooth, smooth_commands
 
 TRUSTED = 0.3  # standard deviation of log k below which commands state their forces
 FILE = 0.25
@@ -93,7 +93,11 @@ class JointRows(Rows):
         self.gain, self.spread = gain, spread + np.zeros(len(gain))
         self.driven = recordings.driven(robot)
         self.system = unrolled(robot.system)
-        self._commands = [(s, smooth_commands(s, chosen)) for s in self.segments]
+        law = recordings.feedback
+        self._commands = [(s, smooth_commands(s, chosen, law)) for s in self.segments]
+        self._fed_back = 0.0
+        if law is not None:
+            self._fed_back = self.joined(lambda motion: fed_back(law, motion.q, motion.v))
         self._entries: dict[Key, Array] = {}
         self.links, self.diagonal = self._evaluated()
         self._moving = np.concatenate([m.q[m.usable.any(axis=1)] for m in self.motions])
@@ -150,7 +154,18 @@ class JointRows(Rows):
         Commands are reversed where the model file has a negative gear: gains are positive.
         """
         filtered = [self.chosen.rows(delayed(s, self.chosen, u, delay)) for s, u in self._commands]
-        return np.concatenate(filtered) * np.sign(self.robot.gain)
+        return (np.concatenate(filtered) - self._fed_back) * np.sign(self.robot.gain)
+
+    def growth(self, delay: Array) -> Array:
+        """(k,) size of the commands at delays (k,) [s] over that without a delay.
+
+        Errors relative to the commands are compared between delays by this factor. It is 1, except
+        under a PD law: a target that comes later differs more from the measured position.
+        """
+        if self.recordings.feedback is None:
+            return np.ones(len(delay))
+        late, own = (self.commands(d).std(axis=0) for d in (delay, np.zeros(len(delay))))
+        return np.divide(late, own, out=np.ones(len(delay)), where=own > 0)
 
     def column(self, name: str, joint: int, choice: Choice) -> Array:
         """(N,) a column of a joint."""

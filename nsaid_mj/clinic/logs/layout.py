@@ -13,21 +13,13 @@ from ...core import Array, continuous_signs
 from ...robots import RobotModel
 from . import matching
 from .flight import flight_map
-from .mapping import ColumnMap, Map, Quantity, Vehicle, matrix, si
+from .mapping import ChannelSource, ColumnMap, Joint, Map, Quantity, Vehicle, matrix, si
+from .pd_law import PdLaw, known_gains
 from .tables import Channel, LogTable, channel_names
 from .unusable import UnmatchedChannels
 
 _NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # NED to ENU
 _FRD = np.diag([1.0, -1.0, -1.0])  # FRD to FLU
-
-
-class ChannelSource(NamedTuple):
-    """A channel and its conversion to SI: `factor · value`."""
-
-    quantity: Quantity  # the measured quantity
-    column: ColumnMap  # its entry in the map
-    factor: float  # to SI; `Layout` adds the offset
-    angle: bool = False  # whether its values may jump by whole turns
 
 
 class Layout(NamedTuple):
@@ -42,15 +34,19 @@ class Layout(NamedTuple):
     torque: Array | None = None  # (n_u, n_u) joint commands per motor command; None for a vehicle
     vehicle: Vehicle | None = None  # form of pose and twist; None for joints or own coordinates
     assumed: str = ""  # assumptions, in words; "" if the map or the names are complete
+    pd: PdLaw | None = None  # law that makes torques of the commands, then targets; None for forces
 
     @property
     def sources(self) -> tuple[ChannelSource, ...]:
         """All sources: positions, velocities, commands."""
-        return (*self.positions, *filter(None, (*self.velocities, *self.commands)))
+        more = self.pd.sources if self.pd else ()
+        return (*self.positions, *filter(None, (*self.velocities, *self.commands)), *more)
 
     @property
     def command_units(self) -> tuple[str, ...]:
         """SI unit of each command; "" where the map states none."""
+        if self.pd is not None:
+            return tuple("N·m" if source.angle else "N" for source in self.positions)
         return tuple(si(s.column.unit_as("command")) if s else "" for s in self.commands)
 
     def q(self, raw: Array) -> Array:
@@ -116,7 +112,8 @@ def layout(
     if not robot.jointed:
         return _of_vehicle(mapping, robot, tables, channels)
     if not mapping.joints:
-        matched = matching.match(channels, robot.joints, robot.passive)
+        under_pd = mapping.pd is not None
+        matched = matching.match(channels, matching.named(robot), robot.passive, under_pd)
         mapping = replace(mapping, joints=matched.joints)
     remedy = f"The robot's actuated joints are {', '.join(robot.joints)}."
     for joint in set(mapping.joints) ^ set(robot.joints):
@@ -128,7 +125,12 @@ def layout(
         if joint.command is None and name not in robot.passive:
             expected = "a column, as the joint has a motor in the model file"
             raise InvalidInput(f"map: joints.{name}.command", expected, "none", remedy)
+        if joint.command and joint.command.is_position and not targets and mapping.pd is None:
+            expected = "a force or current, as the joint has a motor in the model file"
+            raise InvalidInput(f"map: joints.{name}.command", expected, "a target", matching.ADD_PD)
     n = len(joints)
+    pd = None if mapping.pd is None or targets else _pd_law(mapping, robot, joints)
+    targets = targets or pd is not None
     made = Layout(
         tuple(
             _source("position", j.position, j.position.unit_as("position") not in ("m", "mm"))
@@ -143,8 +145,27 @@ def layout(
         ),
         np.linalg.inv(matrix("position", mapping.coupling.position, n)),
         matrix("torque", mapping.coupling.torque, n),
+        pd=pd,
     )
     return _existing(made, channels)
+
+
+def _pd_law(mapping: Map, robot: RobotModel, joints: Sequence[Joint]) -> PdLaw:
+    """The law of a map's [pd], with the channels of its joints."""
+    assert mapping.pd is not None
+    if mapping.coupling.position or mapping.coupling.torque:
+        remedy = "Give targets and gains of the joints, or the motors' torques without [pd]."
+        raise InvalidInput("map", "[pd] or [coupling]", "both", remedy)
+    rates = [joint.target_velocity for joint in joints]
+    forward = [joint.feedforward for joint in joints]
+    kp, kd = known_gains(mapping.pd, robot)
+    return PdLaw(
+        kp / robot.gain,
+        kd / robot.gain,
+        tuple(_source("velocity", column) if column else None for column in rates),
+        tuple(_source("command", column) if column else None for column in forward),
+        robot.gain,
+    )
 
 
 def with_angles(table: LogTable, robot: RobotModel) -> LogTable:

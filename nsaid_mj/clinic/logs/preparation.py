@@ -21,6 +21,7 @@ from .cleaning import (
 )
 from .layout import ChannelSource, Layout, layout, pose_velocity, with_angles
 from .mapping import Map
+from .pd_law import held_mean
 from .recordings import LogSegment, Recordings
 from .tables import LogTable, join, values_of
 from .unusable import UnusableLog
@@ -62,6 +63,8 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
     if made.assumed:
         remedy = "If that is wrong, give a map.toml; docs/map.md shows one."
         findings.append(Finding("note", "standard_map", "", made.assumed, remedy))
+    if made.pd is not None:
+        findings.append(made.pd.stated(robot.joints))
     recordings, said = join(tables, mapping, [s.column.column for s in made.sources])
     findings += said
     if robot.jointed:
@@ -81,7 +84,8 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
             remedy = "Record a motion; check that the columns of the positions are the right ones."
         findings.append(Finding("refusal", "short_log", "", text, remedy))
         raise UnusableLog(tuple(findings))
-    return Recordings(tuple(segments), rate, made.command_units, tuple(findings))
+    feedback = made.pd.feedback if made.pd else None
+    return Recordings(tuple(segments), rate, made.command_units, tuple(findings), feedback)
 
 
 def _cleaned(recordings: list[LogTable], made: Layout, findings: list[Finding]) -> list[Cleaned]:
@@ -179,7 +183,7 @@ def _segments(
     source = log.source
     reference = log.reference
     drop_rest = robot.jointed and mapping.drop_rest
-    saturated = _saturated(log, robot, findings)
+    saturated = {} if made.pd else _saturated(log, robot, findings)
     if any(velocity is None for velocity in made.velocities):
         text = f"velocities are derived from positions up to {signals.bandwidth(rate):g} Hz"
         missing = [j for j, v in zip(robot.joints, made.velocities, strict=False) if v is None]
@@ -201,6 +205,8 @@ def _segments(
     for own in logs:
         grid = own.t
         usable = _trusted(grid, log, saturated, own.v.shape[1])
+        if made.pd is not None:  # at its limit a torque no longer follows the law
+            usable &= np.abs(own.u) < 0.999 * robot.limits
         kept = slice(0, len(grid))
         if rest is not None:
             moving = rest.speed(own) >= np.maximum(limits, 1e-12)
@@ -228,7 +234,6 @@ def _log(grid: Array, log: Cleaned, hold: bool, rate: float) -> Log:
 
     q_raw = on_grid(made.positions)
     q = made.q(q_raw)
-    u = made.u(on_grid(made.commands, hold))
     if made.vehicle is not None and made.velocities[0] is None:
         v = signals.low_pass(pose_velocity(q, rate), signals.bandwidth(rate) / (0.5 * rate))
     else:
@@ -237,7 +242,22 @@ def _log(grid: Array, log: Cleaned, hold: bool, rate: float) -> Log:
         if any(none):
             v_raw[:, none] = signals.derivative(q_raw[:, none], rate)
         v = made.v(v_raw, q)
+    u = _by_pd(grid, log, q, v) if made.pd else made.u(on_grid(made.commands, hold))
     return Log(grid, made.placed(q, v, rate), v, u)
+
+
+def _by_pd(grid: Array, log: Cleaned, q: Array, v: Array) -> Array:
+    """(N, n) commands of motors under a PD law, from their targets on a grid and (N, n) q and v."""
+    law = log.made.pd
+    assert law is not None
+
+    def on_grid(sources: Sequence[ChannelSource | None]) -> Array:
+        held = [held_mean(log.of(s), grid) + s.column.zero if s else 0.0 * grid for s in sources]
+        return np.column_stack(held)
+
+    parts = (on_grid(sources) for sources in (log.made.commands, law.velocities, law.forward))
+    u = law.commands(*parts, q, v)
+    return u * np.array([source is not None for source in log.made.commands])
 
 
 def _trusted(grid: Array, log: Cleaned, saturated: dict[str, Array], n: int) -> np.ndarray:

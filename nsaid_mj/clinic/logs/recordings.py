@@ -34,6 +34,9 @@ class Recordings:
     # (n_u,) unit of each command, such as "A", "N·m" or "" if unknown
     command_units: tuple[str, ...]
     findings: tuple[Finding, ...] = ()  # how the data were processed, and what was noticed
+    # (2, n) gains of the measured positions and velocities in the commands, of motors under a PD
+    # law: they act at once, while what else the commands hold may act late; None without feedback
+    feedback: NDArray[np.float64] | None = None
 
     def driven(self, robot: RobotModel) -> list[int]:
         """Numbers of the joints with a motor, from 0.

@@ -16,6 +16,7 @@ from ..identify.links import carrier, check_loads
 from ..identify.loads import Load
 from ..identify.models import load_robot_model
 from ..logs.mapping import Map, read_map
+from ..logs.matching import named
 from ..logs.tables import LogTable, read_tables
 from .estimate import estimate
 from .fit import DELAY
@@ -83,7 +84,7 @@ def read_servos(
         UnusableLog: no stretch lasts two seconds, or positions are in another unit.
     """
     found = None if robot.passive else robot.servos
-    columns = servo_map(tables, mapping, robot.joints) if found is not None else None
+    columns = servo_map(tables, mapping, named(robot)) if found is not None else None
     if found is None or columns is None:
         return None
     check_loads(loads, [table.source for table in tables])

@@ -49,6 +49,7 @@ from .options import (
 
 _PARABOLAS = 5  # steps of the correction of all delays
 _LOADED = 0.15  # share of weight in a joint's force that a load column needs
+_BETWEEN = 0.1  # of the time between two rows: doubt of when a held target of a PD law acts
 _DOUBT = 4.0  # formal deviations of the delays that count as one: residuals are correlated
 
 
@@ -89,6 +90,8 @@ def structured_arm(
     if not refused(faults):
         report("fitting delays")
         choice, doubt, said = _finished(rows, choice, problem, options)
+        if doubt is not None and recordings.feedback is not None:
+            doubt = max(doubt, _BETWEEN / (_DOUBT * measured.rate))
         others = _alternatives(rows, choice, doubt)
         notes = [*notes, *said]
         problem = rows.problem(choice)
@@ -261,12 +264,15 @@ def _with_delays(rows: JointRows, choice: Choice) -> tuple[Choice, Array, list[F
     errors = np.empty((len(candidates), k))
     for number, delay in enumerate(candidates):
         u = rows.commands(np.full(k, delay))
-        errors[number] = [unexplained(u[:, j], *bases[j]) for j in range(k)]
+        own = [unexplained(u[:, j], *bases[j]) for j in range(k)]
+        errors[number] = own * rows.growth(np.full(k, delay))
     best = int(np.argmin(np.log(errors) @ rows.usable.sum(axis=0)))
     found = np.zeros(k)
     findings = []
+    # under a PD law a later target is less viscous friction, so a joint's own delay is not tried
+    one = rows.recordings.feedback is not None
     for j in rows.driven:
-        at = int(np.argmin(errors[:, j]))
+        at = best if one else int(np.argmin(errors[:, j]))
         name = rows.robot.joints[j]
         if at != best:
             u = [rows.commands(np.full(k, d))[:, j] for d in candidates[[best, at]]]
@@ -349,7 +355,8 @@ def with_common_delay(rows: JointRows, choice: Choice) -> tuple[Choice, float, F
             problem = rows.problem(replace(choice, delay=choice.delay + correction + step))
             fit = minimise(problem, start=start)
             start = fit.theta
-            levels.append(np.maximum(fit.levels, 1e-300))
+            grown = rows.growth(choice.delay + correction + step)
+            levels.append(np.maximum(fit.levels * grown**2, 1e-300))
         # mean squares are parabolas in the delay; their logarithms, in J, only at the very minimum
         weight = problem.usable.sum(axis=0) / np.min(levels, axis=0)
         costs = 0.5 * np.array(levels) @ weight

@@ -1,0 +1,146 @@
+"""Logs with the commands that people have: targets under a known PD law, commands that never move,
+coupled joints.
+
+Each `draw_…(seed, folder)` simulates a robot that differs from its model file and writes what a
+user would bring: the model, logs, a map where one is needed, and apart from them the truth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+Array = np.ndarray
+
+_STEP = 5e-4  # of the simulation [s]
+
+
+@dataclass
+class Drawn:
+    """What a user has, and what is true.
+
+    Attributes:
+        kind: what the log stands for.
+        model: the user's model file.
+        logs: files.
+        map: map.toml; None if the names tell.
+        truth: values by the labels of `nsaid identify`.
+    """
+
+    kind: str
+    model: Path
+    logs: list[Path]
+    map: Path | None
+    truth: dict[str, float] = field(default_factory=dict)
+
+
+# -- motors under a PD law ------------------------------------------------------------------------
+
+
+_LEG = (
+    '<body name="{0}_hip" pos="{1} 0 0"><joint name="{0}_hip_joint" axis="1 0 0"/>'
+    '<inertial pos="0 .04 0" mass="{2}" diaginertia="8e-4 6e-4 7e-4"/>'
+    '<body pos="0 .08 0"><joint name="{0}_thigh_joint" axis="0 1 0"/>'
+    '<inertial pos="0 0 -.08" mass="{3}" diaginertia="7e-3 7e-3 2e-3"/>'
+    '<body pos="0 0 -.25"><joint name="{0}_calf_joint" axis="0 1 0"/>'
+    '<inertial pos="0 0 -.1" mass="{4}" diaginertia="3e-3 3e-3 2e-4"/></body></body></body>'
+)
+_LEGS = ("FL", "FR")
+_PARTS = ("hip", "thigh", "calf")
+
+
+def _legs(masses: Array, joint: dict[str, Array], gain: Array) -> str:
+    """MJCF of two legs on a stand, with (2, 3) masses and (6,) numbers of joints and motors."""
+    body = "".join(
+        _LEG.format(leg, x, *own) for leg, x, own in zip(_LEGS, (0.2, -0.2), masses, strict=True)
+    )
+    names = [f"{leg}_{part}" for leg in _LEGS for part in _PARTS]
+    for k, name in enumerate(names):
+        own = " ".join(f'{key}="{values[k]:.6g}"' for key, values in joint.items())
+        body = body.replace(f'name="{name}_joint"', f'name="{name}_joint" {own}')
+    motors = "".join(
+        f'<motor name="{n}" joint="{n}_joint" gear="{g:.6g}"/>'
+        for n, g in zip(names, gain, strict=True)
+    )
+    return (
+        f'<mujoco model="legs"><compiler angle="radian"/><option timestep="{_STEP}" '
+        f'integrator="implicitfast"/><worldbody>{body}</worldbody><actuator>{motors}</actuator>'
+        "</mujoco>"
+    )
+
+
+def _followed(
+    mj: mujoco.MjModel, issued: Array, gains: tuple[float, float], every: int, late: int
+) -> tuple[Array, Array]:
+    """(N, n) q and v of motors under a PD law with what its targets issue (N, n), held and late."""
+    kp, kd = gains
+    data = mujoco.MjData(mj)
+    data.qpos[:] = issued[0] / kp
+    q = np.empty(issued.shape)
+    v = np.empty(issued.shape)
+    for k in range(len(issued) * every):
+        if k % every == 0:
+            q[k // every] = data.qpos
+            v[k // every] = data.qvel
+        data.ctrl[:] = issued[max(0, k - late) // every] - kp * data.qpos - kd * data.qvel
+        mujoco.mj_step(mj, data)
+    return q, v
+
+
+def draw_pd(seed: int, folder: Path, duration: float = 30.0) -> Drawn:
+    """Legs on a stand whose motors follow a policy's targets by a PD law, at 1 kHz or more."""
+    rng = np.random.default_rng([seed, 1])
+    masses = np.tile([1.0, 1.5, 0.4], (2, 1))
+    n = 6
+    stock = {"damping": np.full(n, 0.1), "frictionloss": np.full(n, 0.2)}
+    stock["armature"] = np.full(n, 0.01)
+    true = {
+        "damping": rng.uniform(0.02, 0.3, n),
+        "frictionloss": rng.uniform(0.05, 0.4, n),
+        "armature": rng.uniform(0.005, 0.03, n),
+    }
+    gain = rng.uniform(0.8, 1.2, n)
+    kp = rng.choice([20.0, 30.0, 60.0])
+    kd = rng.choice([0.5, 1.0, 1.5])
+    mj = mujoco.MjModel.from_xml_string(_legs(masses * rng.uniform(0.9, 1.1, (2, 3)), true, gain))
+    rate = float(rng.choice([50.0, 100.0, 200.0, 500.0]))  # of the log and the targets' updates
+    delay = float(rng.choice([0.0, 0.005, 0.01]))
+    with_rates = bool(rng.random() < 0.3)
+    with_forward = bool(rng.random() < 0.3)
+    every = round(1 / (rate * _STEP))
+    rows = round(duration * rate)
+    t = np.arange(rows) / rate
+    f = rng.uniform(0.2, 2.0, (3, n))
+    phase = rng.uniform(0, 2 * np.pi, (3, n))
+    size = rng.uniform(0.1, 0.35, n)
+    angles = 2 * np.pi * f * t[:, None, None] + phase
+    target = (size * np.sin(angles)).sum(axis=1) + rng.uniform(-0.3, 0.3, n)
+    target += 0.02 * rng.standard_normal(target.shape)  # a policy is not smooth
+    wanted = (size * 2 * np.pi * f * np.cos(angles)).sum(axis=1) * with_rates
+    forward = 0.5 * np.sin(2 * np.pi * 0.3 * t[:, None] + phase[0]) * with_forward
+    issued = kp * target + kd * wanted + forward
+    q, v = _followed(mj, issued, (kp, kd), every, round(delay / _STEP))
+    q += 2e-4 * rng.standard_normal(q.shape)
+    v += 1e-2 * rng.standard_normal(v.shape)
+    names = [f"{leg}_{part}" for leg in _LEGS for part in _PARTS]
+    groups = {"q": q, "dq": v, "q_des": target}
+    groups |= {"dq_des": wanted} if with_rates else {}
+    groups |= {"tau_ff": forward} if with_forward else {}
+    header = ["t", *(f"{group}_{name}" for group in groups for name in names)]
+    log = folder / f"pd_{seed}.csv"
+    table = np.column_stack([t, *groups.values()])
+    np.savetxt(log, table, delimiter=",", header=",".join(header), comments="", fmt="%.7g")
+    model = folder / f"pd_{seed}.xml"
+    model.write_text(_legs(masses, stock, np.ones(n)), encoding="utf-8")
+    chosen = folder / f"pd_{seed}.toml"
+    chosen.write_text(f"[pd]\nkp = {kp}\nkd = {kd}\n", encoding="utf-8")
+    truth = {}
+    for k, name in enumerate(names):
+        truth[f"gain of {name}_joint"] = gain[k]
+        truth[f"rotor inertia of {name}_joint"] = true["armature"][k]
+        truth[f"viscous friction of {name}_joint"] = true["damping"][k]
+        truth[f"Coulomb friction of {name}_joint"] = true["frictionloss"][k]
+    return Drawn("pd", model, [log], chosen, truth)
