@@ -7,11 +7,16 @@ user would bring: the model, logs, a map where one is needed, and apart from the
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
+
+from nsaid_mj.lab.control.driver import Driver
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.plants.world.sensors import Sensors
+from nsaid_mj.lab.setup import Setup
 
 Array = np.ndarray
 
@@ -144,3 +149,57 @@ def draw_pd(seed: int, folder: Path, duration: float = 30.0) -> Drawn:
         truth[f"viscous friction of {name}_joint"] = true["damping"][k]
         truth[f"Coulomb friction of {name}_joint"] = true["frictionloss"][k]
     return Drawn("pd", model, [log], chosen, truth)
+
+
+# -- a command that never moves -------------------------------------------------------------------
+
+
+class Frozen(Driver):
+    """A vehicle's driver whose command of one actuator is a constant."""
+
+    def __init__(self, driver: Driver, actuator: int, value: float):
+        self._driver = driver
+        self._actuator = actuator
+        self._value = value
+
+    def start(self) -> tuple[Array, Array]:
+        """That of the driver."""
+        return self._driver.start()
+
+    def command(self, t: float, q: Array, v: Array) -> Array:
+        """(n_u,) the driver's command, with one that never moves."""
+        u = np.array(self._driver.command(t, q, v))
+        u[self._actuator] = self._value
+        return u
+
+
+_STEERED = {"remus100": (0, 0.7), "bluerov2": (4, 0.3), "catamaran": (0, 0.5), "f1tenth": (0, 0.4)}
+"""Vehicles, with the actuator that may be constant and its typical command."""
+
+
+def draw_constant(seed: int, folder: Path, duration: float = 40.0, vehicle: str = "") -> Drawn:
+    """A vehicle of which one command never moves: often a propeller while the rudder works."""
+    rng = np.random.default_rng([seed, 2])
+    name = vehicle or str(rng.choice(list(_STEERED)))
+    actuator, typical = _STEERED[name]
+    scenario = replace(
+        load(name),
+        duration=duration,
+        sensors="noisy",
+        seed=int(rng.integers(2**31)),
+        record_every=1,
+    )
+    setup = Setup.of(scenario)
+    with setup.plant.running():
+        driver = Frozen(setup.driver(), actuator, typical * float(rng.uniform(0.7, 1.3)))
+        sensors = Sensors(scenario.noise, np.random.default_rng(setup.seeds.sensors))
+        first = setup.plant.begin(driver, sensors)
+        log = setup.plant.drive(driver, first, round(duration / scenario.dt), sensors)
+    parts = {"q": log.q, "v": log.v, "u": log.u}
+    header = ["t", *(f"{x}_{k}" for x, own in parts.items() for k in range(own.shape[1]))]
+    every = max(1, round(0.02 / scenario.dt))
+    path = folder / f"constant_{seed}.csv"
+    table = np.column_stack([log.t, *parts.values()])[::every]
+    np.savetxt(path, table, delimiter=",", header=",".join(header), comments="", fmt="%.9g")
+    truth = dict(zip(setup.system.space.labels, setup.plant.truth.tolist(), strict=True))
+    return Drawn("constant", Path(name), [path], None, truth)

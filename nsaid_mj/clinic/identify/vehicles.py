@@ -32,7 +32,11 @@ _SPREAD = 0.3  # prior spread of positive parameters
 
 
 class VehicleRows(Rows):
-    """Rows of a vehicle's segments, through the chosen filters, at any delay of the commands."""
+    """Rows of a vehicle's segments, through the chosen filters, at any delay of the commands.
+
+    Attributes:
+        steady: (p,) whether a parameter is that of actuators whose commands never change.
+    """
 
     def __init__(self, robot: RobotModel, recordings: Recordings, chosen: Filter):
         self.robot = robot
@@ -49,6 +53,11 @@ class VehicleRows(Rows):
         acting = [c for c in own.columns if c.parameter in self._commanded]
         only = replace(own, inertias=(), rotors=(), columns=acting)
         self._acting = rebuilt(self.system, only, self.system.space)
+        ends = [(s.log.u.min(axis=0), s.log.u.max(axis=0)) for s in recordings.segments]
+        low, high = (np.array(x) for x in zip(*ends, strict=True))
+        moving = np.flatnonzero(high.max(axis=0) > low.min(axis=0))
+        moved = {c.parameter for c in acting if c.input in moving}
+        self.steady = np.array([p in self._commanded and p not in moved for p in range(own.p)])
         self._without_commands: dict[frozenset[str], Array] = {}
 
     def delays(self, timing: Timing) -> Array:
@@ -124,15 +133,15 @@ class VehicleRows(Rows):
         more = [self._extra(name, rows) for name in sorted(columns)]
         space = ParameterSpace((*system.space.blocks, *more))
         none = np.zeros(len(space), dtype=bool)
+        steady = np.append(self.steady, none[len(self.steady) :])
         prior = np.append(self._prior, np.zeros(len(space) - len(self._prior)))
         spread = np.where(space.geometries == "positive", _SPREAD, space.scale)
         weights = _size(space, rows[self.usable], prior)
         size = Size(weights[None], np.zeros(len(space), dtype=np.intp), FILE, none)
         # relative to its own drag, noise of a velocity without an actuator would pass for drag
         inertia = np.tile(weights, (rows.shape[1], 1))
-        return FitProblem(
-            space, rows, self.usable, self.t, self.segment, prior, spread, none, size, inertia
-        )
+        of_rows = (self.usable, self.t, self.segment)
+        return FitProblem(space, rows, *of_rows, prior, spread, none, size, inertia, steady)
 
     def _extra(self, name: str, rows: Array) -> Block:
         """A block of one further parameter per velocity."""

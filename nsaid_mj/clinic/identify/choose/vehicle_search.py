@@ -35,6 +35,8 @@ def _richer(rows: VehicleRows, timing: Timing) -> tuple[frozenset[str], list[Fin
     best = cost(columns, timing)
     for option in FURTHER_COLUMNS:
         name = option.name
+        if name == "offset" and rows.steady.any():  # the force of a steady command is one
+            continue
         trial = cost(columns | {name}, timing)
         if improves(best, trial, option.criterion):
             text = f"a column of {name} per velocity lowers the cost by {best - trial:.0f}"
