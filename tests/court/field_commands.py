@@ -203,3 +203,104 @@ def draw_constant(seed: int, folder: Path, duration: float = 40.0, vehicle: str 
     np.savetxt(path, table, delimiter=",", header=",".join(header), comments="", fmt="%.9g")
     truth = dict(zip(setup.system.space.labels, setup.plant.truth.tolist(), strict=True))
     return Drawn("constant", Path(name), [path], None, truth)
+
+
+# -- coupled joints -------------------------------------------------------------------------------
+
+
+_ARM = (
+    '<body name="upper" pos="0 0 .5"><joint name="shoulder" axis="0 1 0" {0}/>'
+    '<inertial pos="{6} 0 -.15" mass="{3}" diaginertia=".02 .02 .003"/>'
+    '<body name="fore" pos="0 0 -.3"><joint name="elbow" axis="0 1 0" {1}/>'
+    '<inertial pos="0 .02 -.1" mass="{4}" diaginertia=".008 .008 .001"/>'
+    '<body name="hand" pos="0 0 -.25"><joint name="wrist" axis="0 1 0" {2}/>'
+    '<inertial pos=".02 0 -.06" mass="{5}" diaginertia=".002 .002 .0004"/></body></body></body>'
+)
+
+
+def draw_coupled(seed: int, folder: Path, duration: float = 30.0, urdf: bool = False) -> Drawn:
+    """An arm whose wrist follows the elbow (a parallelogram or a belt), by torque."""
+    rng = np.random.default_rng([seed, 3])
+    ratio = float(rng.choice([-1.0, 0.5, -0.7, 1.5]))
+    offset = float(rng.choice([0.0, 0.2, -0.3]))
+    masses = np.array([2.0, 1.2, 0.6])
+    true = {
+        "damping": rng.uniform(0.05, 0.4, 3),
+        "frictionloss": rng.uniform(0.05, 0.5, 3),
+        "armature": rng.uniform(0.005, 0.03, 3),
+    }
+    gain = rng.uniform(0.7, 1.3, 2)
+
+    def arm(masses: Array, x: float, joint: dict[str, Array]) -> str:
+        own = [" ".join(f'{key}="{v[k]:.6g}"' for key, v in joint.items()) for k in range(3)]
+        return (
+            '<mujoco model="coupled"><compiler angle="radian"/><option timestep="5e-4" '
+            'integrator="implicitfast"/><worldbody>'
+            + _ARM.format(*own, *masses, x)
+            + '</worldbody><equality><joint joint1="wrist" joint2="elbow" '
+            f'polycoef="{offset} {ratio} 0 0 0" solref="2e-3 1" solimp=".9999 .9999 1e-3"/>'
+            '</equality><actuator><motor joint="shoulder"/><motor joint="elbow"/></actuator>'
+            "</mujoco>"
+        )
+
+    rate = 250.0
+    mj = mujoco.MjModel.from_xml_string(arm(masses * rng.uniform(0.8, 1.2, 3), 0.01, true))
+    rows = round(duration * rate)
+    t = np.arange(rows) / rate
+    angles = 2 * np.pi * rng.uniform(0.2, 1.2, (3, 2)) * t[:, None, None]
+    target = 0.3 * np.sin(angles + rng.uniform(0, 2 * np.pi, (3, 2))).sum(axis=1)
+    every = round(1 / (rate * 5e-4))
+    data = mujoco.MjData(mj)
+    data.qpos[:] = [*target[0], offset + ratio * target[0, 1]]
+    q = np.empty((rows, 2))
+    u = np.empty((rows, 2))
+    for k in range(rows):
+        force = np.array([60.0, 30.0]) * (target[k] - data.qpos[:2])
+        u[k] = (force - np.array([4.0, 2.0]) * data.qvel[:2]) / gain
+        q[k] = data.qpos[:2]
+        data.ctrl[:] = gain * u[k]
+        mujoco.mj_step(mj, data, every)
+    q += 1e-4 * rng.standard_normal(q.shape)
+    log = folder / f"coupled_{seed}.csv"
+    names = ["t", "shoulder_position", "elbow_position", "shoulder_torque", "elbow_torque"]
+    table = np.column_stack([t, q, u])
+    np.savetxt(log, table, delimiter=",", header=",".join(names), comments="", fmt="%.7g")
+    stock = {"damping": np.full(3, 0.1), "frictionloss": np.full(3, 0.2)}
+    stock["armature"] = np.full(3, 0.01)
+    model = folder / f"coupled_{seed}.xml"
+    model.write_text(arm(masses, 0.0, stock), encoding="utf-8")
+    if urdf:
+        model = folder / f"coupled_{seed}.urdf"
+        model.write_text(_mimic_urdf(masses, ratio, offset), encoding="utf-8")
+    truth = {}
+    factors = {"damping": ratio**2, "frictionloss": abs(ratio), "armature": ratio**2}
+    labels = {"damping": "viscous friction", "frictionloss": "Coulomb friction"}
+    labels["armature"] = "rotor inertia"
+    for key, label in labels.items():
+        truth[f"{label} of shoulder"] = true[key][0]
+        truth[f"{label} of elbow"] = true[key][1] + factors[key] * true[key][2]
+    truth |= {"gain of shoulder": gain[0], "gain of elbow": gain[1]}
+    return Drawn("coupled", model, [log], None, truth)
+
+
+def _mimic_urdf(masses: Array, ratio: float, offset: float) -> str:
+    """The arm's URDF, whose wrist is a <mimic> of the elbow."""
+    parts = ["shoulder", "elbow", "wrist"]
+    links = ["base", "upper", "fore", "hand"]
+    places = ["0 0 .5", "0 0 -.3", "0 0 -.25"]
+    centres = ["0 0 -.15", "0 .02 -.1", ".02 0 -.06"]
+    moments = [(0.02, 0.003), (0.008, 0.001), (0.002, 0.0004)]
+    text = '<robot name="coupled"><link name="base"/>'
+    for k, (long, short) in enumerate(moments):
+        text += (
+            f'<link name="{links[k + 1]}"><inertial><origin xyz="{centres[k]}"/><mass '
+            f'value="{masses[k]}"/><inertia ixx="{long}" iyy="{long}" izz="{short}" ixy="0" '
+            'ixz="0" iyz="0"/></inertial></link>'
+            f'<joint name="{parts[k]}" type="revolute"><parent link="{links[k]}"/><child '
+            f'link="{links[k + 1]}"/><origin xyz="{places[k]}"/><axis xyz="0 1 0"/><limit '
+            'lower="-3" upper="3" effort="100" velocity="10"/>'
+        )
+        if k == 2:
+            text += f'<mimic joint="elbow" multiplier="{ratio}" offset="{offset}"/>'
+        text += "</joint>"
+    return text + "</robot>"

@@ -158,6 +158,10 @@ def _fitted(
     """The result of the fit to all rows, and of a law along them if one is named."""
     from .calibrate import calibrate
 
+    if law != "batch" and robot.followers:
+        remedy = f"Leave --law out, or lock them: `--lock {','.join(robot.followers)}`."
+        expected = "batch, as joints follow others"
+        raise InvalidInput("--law", expected, law, remedy)
     found = calibrate(robot, recordings, validation, options, report)
     if law == "batch":
         return found

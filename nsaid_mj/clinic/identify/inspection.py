@@ -147,7 +147,8 @@ def _roles(made: Layout, robot: RobotModel) -> dict[str, str]:
     """The role of each channel in use."""
     found: dict[str, str] = {}
     groups = made.positions, made.velocities, made.commands
-    for (word, names), group in zip(signal_names(robot).items(), groups, strict=True):
+    for (word, every), group in zip(signal_names(robot).items(), groups, strict=True):
+        names = [every[j] for j in robot.independent] if robot.coupling else every
         for (name, _), source in zip(names, group, strict=False):
             if source is not None:
                 found[source.column.column] = f"{word} of {name}"

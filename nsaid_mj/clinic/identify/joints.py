@@ -92,6 +92,9 @@ class JointRows(Rows):
         self.coupled = coupled
         self.gain, self.spread = gain, spread + np.zeros(len(gain))
         self.driven = recordings.driven(robot)
+        # joints that follow others have no rows, as theirs are part of their leaders'
+        self.following = [robot.joints.index(joint) for joint in robot.followers]
+        self.usable[:, self.following] = False
         self.system = unrolled(robot.system)
         law = recordings.feedback
         self._commands = [(s, smooth_commands(s, chosen, law)) for s in self.segments]
@@ -101,7 +104,9 @@ class JointRows(Rows):
         self._entries: dict[Key, Array] = {}
         self.links, self.diagonal = self._evaluated()
         self._moving = np.concatenate([m.q[m.usable.any(axis=1)] for m in self.motions])
-        self._weight = weight_columns(self.system, self._moving)
+        weight = weight_columns(self.system, self._moving)
+        every = weight.reshape(-1, self.system.n, self.system.p)
+        self._weight = self._led(every).reshape(weight.shape)
         self.reweigh(file_links(robot.model))
 
     def like(self, recordings: Recordings, chosen: Filter) -> JointRows:
@@ -133,9 +138,24 @@ class JointRows(Rows):
             return np.hstack([own_rows, W[:, rows, parameters]])
 
         found = self.regressor(with_columns(self.system, columns, rotors, end), pick)
+        found[:, : n * links] = self._led(found[:, : n * links].reshape(-1, n, links)).reshape(
+            len(found), -1
+        )
         self._entries = dict(zip(keys, np.ascontiguousarray(found[:, n * links :].T), strict=True))
         diagonal = {name: _stacked(self._entries, name, n) for name in own}
         return np.ascontiguousarray(found[:, : n * links]).reshape(-1, n, links), diagonal
+
+    def _led(self, rows: Array) -> Array:
+        """Rows (N, n, p) Sᵀ of joints of which some follow others; 0 in the followers' places.
+
+        The forces of a coupling do no work along q = S y, so they are not in Sᵀ W θ = 0.
+        """
+        coupling = self.robot.coupling
+        if coupling is None:
+            return rows
+        found = np.zeros_like(rows)
+        found[:, list(coupling.leaders)] = np.einsum("jk,njp->nkp", coupling.ratio, rows)
+        return found
 
     def reweigh(self, links: Array) -> None:
         """Computes load-dependent friction from the weight of links with parameters (10 b,)."""
@@ -247,7 +267,9 @@ class JointRows(Rows):
         for parameter in space.names:
             if parameter.startswith("rotor"):
                 found[joint_of(parameter), space.index(parameter)] = 1.0
-        return found * np.sqrt(mean_squares(moving, self.usable))[:, None]
+        usable = self.usable.copy()
+        usable[:, self.following] = True  # they have no rows, but a size
+        return found * np.sqrt(mean_squares(moving, usable))[:, None]
 
     def _slides(self, joint: int) -> bool:
         return slides(self.robot.model.joints[joint + 1])
@@ -373,14 +395,18 @@ def nearest_friction(problem: FitProblem, theta: Array) -> tuple[Array, Array]:
     space = problem.space
     kinds = [COLUMNS[name].block for name in COLUMNS if name not in ("rotor", "spring", "offset")]
     used = [space[block.name] for block in space.blocks if block.name in kinds]
-    pairs = [COLUMNS[name].block for name in ("viscous", "coulomb")]
-    if not {block.name for block in space.blocks}.issuperset(pairs):
+    pairs = [COLUMNS[name] for name in ("viscous", "coulomb")]
+    if not {block.name for block in space.blocks}.issuperset(pair.block for pair in pairs):
         return np.zeros(0), np.zeros(0)
     found = []
     for j in range(problem.Y.shape[1]):
         rows = problem.Y[problem.usable[:, j], j]
+        own = [f"{pair.letter}_{j + 1}" for pair in pairs]
+        if not {*own} <= {*space.names}:  # a joint that follows another one
+            found.append(np.zeros(2))
+            continue
         whole = sum(rows[:, place] @ theta[place] for place in used)
-        basis = np.column_stack([rows[:, space[name].start + j] for name in pairs])
+        basis = np.column_stack([rows[:, space.index(name)] for name in own])
         found.append(scipy.optimize.nnls(basis, whole)[0] if len(rows) else np.zeros(2))
     viscous, coulomb = np.array(found).T
     return viscous, coulomb

@@ -99,14 +99,15 @@ def first_map(tables: Sequence[LogTable], robot: RobotModel) -> str:
     if not robot.jointed:
         parts.append(_vehicle(tables, robot))
     else:
-        found = candidates(names, named(robot), robot.passive)
-        targets = match_targets(names, named(robot))
+        own = [joint for joint in named(robot) if joint in robot.leaders]
+        found = candidates(names, own, robot.passive)
+        targets = match_targets(names, own)
         goals = set(targets.values())
         measured = [g for g in found["position"].values() if goals.isdisjoint(g.values())]
         if targets and len(measured) == 1 and any(f.code == "servo" for f in robot.findings):
             parts += _servos(tables, robot, measured[0], targets)
         else:
-            rows = np.eye(len(robot.joints), dtype=int).tolist()
+            rows = np.eye(len(own), dtype=int).tolist()
             under_pd = bool(targets) and len(measured) == 1 and not found["command"]
             if under_pd:
                 found["command"] = {"targets": targets}
@@ -114,10 +115,10 @@ def first_map(tables: Sequence[LogTable], robot: RobotModel) -> str:
             more = None
             if under_pd:
                 more = {
-                    "target_velocity": set_points("velocity", names, named(robot)),
-                    "feedforward": set_points("command", names, named(robot)),
+                    "target_velocity": set_points("velocity", names, own),
+                    "feedforward": set_points("command", names, own),
                 }
-            parts += [_joint(joint, found, more) for joint in robot.joints]
+            parts += [_joint(joint, found, more) for joint in own]
     return "".join(parts)
 
 

@@ -35,6 +35,8 @@ class Layout(NamedTuple):
     vehicle: Vehicle | None = None  # form of pose and twist; None for joints or own coordinates
     assumed: str = ""  # assumptions, in words; "" if the map or the names are complete
     pd: PdLaw | None = None  # law that makes torques of the commands, then targets; None for forces
+    # robot whose joints without a source follow those that have one; None if all have one
+    led: RobotModel | None = None
 
     @property
     def sources(self) -> tuple[ChannelSource, ...]:
@@ -45,9 +47,13 @@ class Layout(NamedTuple):
     @property
     def command_units(self) -> tuple[str, ...]:
         """SI unit of each command; "" where the map states none."""
+        own = [si(s.column.unit_as("command")) if s else "" for s in self.commands]
         if self.pd is not None:
-            return tuple("N·m" if source.angle else "N" for source in self.positions)
-        return tuple(si(s.column.unit_as("command")) if s else "" for s in self.commands)
+            own = ["N·m" if source.angle else "N" for source in self.positions]
+        if self.led is None:
+            return tuple(own)
+        units = dict(zip(self.led.leaders, own, strict=True))
+        return tuple(units.get(joint, "") for joint in self.led.joints)
 
     def q(self, raw: Array) -> Array:
         """Positions (N, n) of joints, or (N, m) of a vehicle, from scaled sources (N, k).
@@ -56,14 +62,29 @@ class Layout(NamedTuple):
         """
         offsets = np.array([s.column.zero for s in self.positions])
         if self.vehicle is None:
-            return _mixed(raw, self.coupling) + offsets
+            return _mixed(raw, self.coupling) + self._on_all(offsets, zero=True)
         return _pose(self.vehicle, raw + offsets)
+
+    def _on_all(self, own: Array, zero: bool = False) -> Array:
+        """(n,) values of all joints, of (k,) those with a source; with `zero` positions."""
+        coupling = self.led.coupling if self.led else None
+        if coupling is None:
+            return own
+        return coupling.ratio @ own + zero * coupling.offset
+
+    def on_leaders(self, own: Array) -> Array:
+        """(…, n_u) commands of all joints, of those (…, k) of joints with a source; 0 of others."""
+        if self.led is None:
+            return own
+        found = np.zeros((*own.shape[:-1], len(self.led.joints)))
+        found[..., list(self.led.independent)] = own
+        return found
 
     def v(self, raw: Array, q: Array) -> Array:
         """Velocities (N, n) from scaled sources (N, n), at positions q of `self.q`."""
         offsets = np.array([s.column.offset if s else 0.0 for s in self.velocities])
         if self.vehicle is None:
-            return _mixed(raw, self.coupling) + offsets
+            return _mixed(raw, self.coupling) + self._on_all(offsets)
         return _twist(self.vehicle, raw + offsets, q)
 
     def placed(self, q: Array, v: Array, rate: float) -> Array:
@@ -89,7 +110,7 @@ class Layout(NamedTuple):
     def u(self, raw: Array) -> Array:
         """Commands (N, n_u) from scaled sources (N, n_u)."""
         offsets = np.array([s.column.offset if s else 0.0 for s in self.commands])
-        return _mixed(raw, self.torque) + offsets
+        return self.on_leaders(_mixed(raw, self.torque) + offsets)
 
 
 def _mixed(raw: Array, matrix: Array | None) -> Array:
@@ -113,15 +134,17 @@ def layout(
         return _of_vehicle(mapping, robot, tables, channels)
     if not mapping.joints:
         under_pd = mapping.pd is not None
-        matched = matching.match(channels, matching.named(robot), robot.passive, under_pd)
+        named = [name for name in matching.named(robot) if name in robot.leaders]
+        matched = matching.match(channels, named, robot.passive, under_pd)
         mapping = replace(mapping, joints=matched.joints)
-    remedy = f"The robot's actuated joints are {', '.join(robot.joints)}."
-    for joint in set(mapping.joints) ^ set(robot.joints):
+    remedy = f"The robot's actuated joints are {', '.join(robot.leaders)}."
+    for joint in set(mapping.joints) ^ set(robot.leaders):
         stated = "a joint that the robot lacks" if joint in mapping.joints else "no entry"
+        stated = "a joint that follows another one" if joint in robot.followers else stated
         expected = "one entry for each actuated joint"
         raise InvalidInput(f"map: joints.{joint}", expected, stated, remedy)
-    joints = [mapping.joints[name] for name in robot.joints]
-    for name, joint in zip(robot.joints, joints, strict=True):
+    joints = [mapping.joints[name] for name in robot.leaders]
+    for name, joint in zip(robot.leaders, joints, strict=True):
         if joint.command is None and name not in robot.passive:
             expected = "a column, as the joint has a motor in the model file"
             raise InvalidInput(f"map: joints.{name}.command", expected, "none", remedy)
@@ -146,7 +169,10 @@ def layout(
         np.linalg.inv(matrix("position", mapping.coupling.position, n)),
         matrix("torque", mapping.coupling.torque, n),
         pd=pd,
+        led=robot if robot.coupling else None,
     )
+    if robot.coupling is not None:
+        made = made._replace(coupling=robot.coupling.ratio @ made.coupling)
     return _existing(made, channels)
 
 
@@ -159,12 +185,13 @@ def _pd_law(mapping: Map, robot: RobotModel, joints: Sequence[Joint]) -> PdLaw:
     rates = [joint.target_velocity for joint in joints]
     forward = [joint.feedforward for joint in joints]
     kp, kd = known_gains(mapping.pd, robot)
+    gain = robot.gain[list(robot.independent)]
     return PdLaw(
-        kp / robot.gain,
-        kd / robot.gain,
+        kp / gain,
+        kd / gain,
         tuple(_source("velocity", column) if column else None for column in rates),
         tuple(_source("command", column) if column else None for column in forward),
-        robot.gain,
+        gain,
     )
 
 

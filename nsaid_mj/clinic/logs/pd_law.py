@@ -68,17 +68,17 @@ def known_gains(pd: Pd, robot: RobotModel) -> tuple[Array, Array]:
         UnknownName: the map names a joint that the robot lacks.
     """
     servos = robot.servos
-    driven = [joint for joint in robot.joints if joint not in robot.passive]
-    kp = _in_order("kp", pd.kp, robot.joints)
-    kd = _in_order("kd", pd.kd, robot.joints)
+    driven = [joint for joint in robot.leaders if joint not in robot.passive]
+    kp = _in_order("kp", pd.kp, robot.leaders)
+    kd = _in_order("kd", pd.kd, robot.leaders)
     if kp is None and servos is None:
         remedy = "Write lines such as `kp = 20` and `kd = 1.5` below `[pd]`: your controller's "
         remedy += "stiffness [N·m/rad] and damping [N·m·s/rad]; one number, a list in the order of "
         remedy += "the joints, or a table by joint."
         raise InvalidInput("map: pd.kp", "the gains of the motors' PD law", "none", remedy)
-    of_file = np.zeros((2, len(robot.joints)))
+    of_file = np.zeros((2, len(robot.leaders)))
     if servos is not None:
-        of_file[:, [robot.joints.index(joint) for joint in driven]] = servos.kp, servos.kv
+        of_file[:, [robot.leaders.index(joint) for joint in driven]] = servos.kp, servos.kv
     if kp is not None and kd is None:
         of_file[1] = 0.0  # a law that is stated is stated whole
     return of_file[0] if kp is None else kp, of_file[1] if kd is None else kd

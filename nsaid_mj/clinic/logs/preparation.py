@@ -64,7 +64,7 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
         remedy = "If that is wrong, give a map.toml; docs/map.md shows one."
         findings.append(Finding("note", "standard_map", "", made.assumed, remedy))
     if made.pd is not None:
-        findings.append(made.pd.stated(robot.joints))
+        findings.append(made.pd.stated(robot.leaders))
     recordings, said = join(tables, mapping, [s.column.column for s in made.sources])
     findings += said
     if robot.jointed:
@@ -84,7 +84,7 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
             remedy = "Record a motion; check that the columns of the positions are the right ones."
         findings.append(Finding("refusal", "short_log", "", text, remedy))
         raise UnusableLog(tuple(findings))
-    feedback = made.pd.feedback if made.pd else None
+    feedback = made.on_leaders(made.pd.feedback) if made.pd else None
     return Recordings(tuple(segments), rate, made.command_units, tuple(findings), feedback)
 
 
@@ -186,7 +186,7 @@ def _segments(
     saturated = {} if made.pd else _saturated(log, robot, findings)
     if any(velocity is None for velocity in made.velocities):
         text = f"velocities are derived from positions up to {signals.bandwidth(rate):g} Hz"
-        missing = [j for j, v in zip(robot.joints, made.velocities, strict=False) if v is None]
+        missing = [j for j, v in zip(robot.leaders, made.velocities, strict=False) if v is None]
         findings.append(Finding("note", "differentiated", source, text, data={"joints": missing}))
     logs: list[Log] = []
     for start, end in _stretches(log, findings):
@@ -256,8 +256,9 @@ def _by_pd(grid: Array, log: Cleaned, q: Array, v: Array) -> Array:
         return np.column_stack(held)
 
     parts = (on_grid(sources) for sources in (log.made.commands, law.velocities, law.forward))
-    u = law.commands(*parts, q, v)
-    return u * np.array([source is not None for source in log.made.commands])
+    own = slice(None) if log.made.led is None else list(log.made.led.independent)
+    u = law.commands(*parts, q[:, own], v[:, own])
+    return log.made.on_leaders(u * [source is not None for source in log.made.commands])
 
 
 def _trusted(grid: Array, log: Cleaned, saturated: dict[str, Array], n: int) -> np.ndarray:
@@ -268,7 +269,7 @@ def _trusted(grid: Array, log: Cleaned, saturated: dict[str, Array], n: int) -> 
     for group, mixing in (
         (made.positions, made.coupling),
         (made.velocities, made.coupling),
-        (made.commands, made.torque),
+        (made.commands, None if made.torque is None else made.on_leaders(made.torque.T).T),
     ):
         for k, source in enumerate(group):
             if source is None:
@@ -289,7 +290,9 @@ def _saturated(log: Cleaned, robot: RobotModel, findings: list[Finding]) -> dict
     made = log.made
     torque = np.eye(len(made.commands)) if made.torque is None else made.torque
     diagonal = np.array_equal(torque, np.diag(np.diag(torque)))
-    for j, (command, limit) in enumerate(zip(made.commands, robot.limits, strict=True)):
+    for j, (command, limit) in enumerate(
+        zip(made.commands, robot.limits[list(robot.independent)], strict=True)
+    ):
         if command is None:
             continue
         name = command.column.column

@@ -83,10 +83,17 @@ def read_servos(
         InvalidInput: a column or joint of the map does not exist, or loads differ.
         UnusableLog: no stretch lasts two seconds, or positions are in another unit.
     """
-    found = None if robot.passive else robot.servos
-    columns = servo_map(tables, mapping, named(robot)) if found is not None else None
+    found = None if set(robot.passive) - {*robot.followers} else robot.servos
+    columns = (
+        servo_map(tables, mapping, [j for j in named(robot) if j in robot.leaders])
+        if found is not None
+        else None
+    )
     if found is None or columns is None:
         return None
+    if robot.followers:
+        remedy = f"Lock them, if their inertia is small: `--lock {','.join(robot.followers)}`."
+        raise InvalidInput("servos", "joints that move by themselves", "joints that follow", remedy)
     check_loads(loads, [table.source for table in tables])
     kinds = {load._replace(source="") for load in loads}
     carrying = {load.source for load in loads}

@@ -160,7 +160,7 @@ def _alternatives(rows: JointRows, choice: Choice, doubt: float | None) -> Itera
     if doubt is not None:
         trials.append(replace(choice, delay=choice.delay + _DOUBT * doubt))
     if any(columns != BASIC for columns in choice.columns):
-        trials.append(replace(choice, columns=(BASIC,) * len(choice.columns)))
+        trials.append(replace(choice, columns=_on_leaders(rows, BASIC)))
     for step in (-1, 1):
         speeds = tuple(min(max(s + step, 0), last) for s in choice.speed)
         trials.append(replace(choice, speed=speeds))
@@ -190,7 +190,7 @@ def choose(
     basic = BASIC if columns is None else columns
     shared = np.zeros(k) if delay is None else delay
     findings = []
-    choice = Choice((basic,) * k, (1,) * k, shared, coupled)
+    choice = Choice(_on_leaders(rows, basic), (1,) * k, shared, coupled)
     if delay is None:
         choice, shared, findings = _with_delays(rows, choice)
     for j in rows.driven:  # a passive joint has no command to predict
@@ -205,6 +205,12 @@ def choose(
         choice = own
         findings.append(finding)
     return choice, findings
+
+
+def _on_leaders(rows: JointRows, names: frozenset[str]) -> tuple[frozenset[str], ...]:
+    """Columns of all joints: those of `names`, and none of joints that follow others."""
+    count = len(rows.robot.joints)
+    return tuple(frozenset[str]() if j in rows.following else names for j in range(count))
 
 
 def _choose_joint(
@@ -305,6 +311,8 @@ def with_constants(
     """
     (best, fitted), findings = shared_errors(rows.problem(choice)), []
     for j, name in enumerate(rows.robot.joints):
+        if j in rows.following:
+            continue
         for option, words in zip(CONSTANTS, ("a constant offset", "a spring"), strict=True):
             column = option.name
             if column == "offset" and (name in level or j not in rows.driven):
@@ -323,7 +331,7 @@ def with_constants(
 def with_speeds(rows: JointRows, choice: Choice) -> Choice:
     """The choice with the best s of Coulomb friction at passive joints, by the physical fit."""
     best = shared_errors(rows.problem(choice))[0]
-    for j in set(range(len(rows.robot.joints))) - set(rows.driven):
+    for j in set(range(len(rows.robot.joints))) - {*rows.driven, *rows.following}:
         for speed in range(len(SPEED.values)):
             trial = choice.at(j, speed=speed)
             errors = shared_errors(rows.problem(trial))[0]
