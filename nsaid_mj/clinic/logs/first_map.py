@@ -60,7 +60,13 @@ _IN_SPACE = {
         "qx qy qz qw",
     ),
     "linear": ("linearx lineary linearz", "velx vely velz", "vx vy vz"),
-    "angular": ("angularx angulary angularz", "gyrx gyry gyrz", "wx wy wz", "p q r"),
+    "angular": (
+        "angularx angulary angularz",
+        "angularvelocityx angularvelocityy angularvelocityz",
+        "gyrx gyry gyrz",
+        "wx wy wz",
+        "p q r",
+    ),
 }
 _IN_PLANE = {
     "position": ("x y psi", "x y heading", "x y theta", "x y yaw"),

@@ -9,6 +9,7 @@ import numpy as np
 from ..unusable import UnreadableLog
 from . import Columns, check_size
 
+_CLOCKS = {"TimeUS": 1.0, "TimeMS": 1e3}  # fields of the time, and their unit [µs]
 _LATEST = 1e15  # thirty years [µs]; a time beyond is damaged
 _INSTANCES = ("I", "Instance", "C")
 
@@ -17,7 +18,7 @@ def read(path: Path) -> list[Columns]:
     """One group of columns for each kind of message, called `KIND/FIELD`.
 
     Messages of several sensors or motors (field `I`, `C` or `Instance`) are separated:
-    `KIND_1/FIELD` of instance 1.
+    `KIND_1/FIELD` of instance 1. Times are `TimeUS` [µs], in old logs `TimeMS` [ms].
 
     Raises:
         UnreadableLog: the file is beyond the limit or has no message with a time.
@@ -32,7 +33,7 @@ def read(path: Path) -> list[Columns]:
         while (message := reader.recv_msg()) is not None:
             values = message.to_dict()
             kind = values.pop("mavpackettype")
-            if "TimeUS" not in values:
+            if _CLOCKS.keys().isdisjoint(values):
                 if kind != "FMT":  # the declarations of the others
                     unread[kind] = "messages without a time"
                 continue
@@ -46,11 +47,12 @@ def read(path: Path) -> list[Columns]:
     found = []
     for (name, fields), table in rows.items():
         numbers = np.array(table, np.float64)
-        timed = np.abs(numbers[:, fields.index("TimeUS")]) < _LATEST
+        clock = next(name for name in _CLOCKS if name in fields)
+        timed = np.abs(numbers[:, fields.index(clock)] * _CLOCKS[clock]) < _LATEST
         if lost := np.count_nonzero(~timed):
             unread[name] = f"{lost} of {len(table)} messages, whose time is damaged"
         dense = dict(zip(fields, numbers[timed].T, strict=True))
-        time = np.round(dense.pop("TimeUS") * 1000).astype(np.int64)
+        time = np.round(dense.pop(clock) * _CLOCKS[clock] * 1000).astype(np.int64)
         if dense and len(time):
             found.append(Columns({f"{name}/{k}": x for k, x in dense.items()}, time))
     if not found:
