@@ -10,7 +10,7 @@ from ...core import position_labels, velocity_labels
 from ...robots import RobotModel
 from ..logs import signals
 from ..logs.checks import checks
-from ..logs.layout import Layout, layout, with_angles
+from ..logs.layout import Layout, apart, layout, with_angles
 from ..logs.mapping import Map
 from ..logs.preparation import prepare
 from ..logs.recordings import Recordings
@@ -67,7 +67,7 @@ def inspect(
     recordings = None
     findings = tuple(f for table in tables for f in table.findings)
     if robot is not None:
-        tables = [with_angles(table, robot) for table in tables]
+        tables = [with_angles(table, robot) for table in apart(mapping, robot, tables)]
         try:
             given = _servo_findings(tables, mapping, robot)
             if given is not None:

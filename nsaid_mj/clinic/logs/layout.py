@@ -15,7 +15,7 @@ from . import matching
 from .flight import flight_map
 from .mapping import ChannelSource, ColumnMap, Joint, Map, Quantity, Vehicle, matrix, si
 from .pd_law import PdLaw, known_gains
-from .tables import Channel, LogTable, channel_names
+from .tables import Channel, LogTable, channel_names, told_apart
 from .unusable import UnmatchedChannels
 
 _NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # NED to ENU
@@ -193,6 +193,47 @@ def _pd_law(mapping: Map, robot: RobotModel, joints: Sequence[Joint]) -> PdLaw:
         tuple(_source("command", column) if column else None for column in forward),
         gain,
     )
+
+
+_PART = frozenset({"joint", "motor", "axis", "actuator", "servo", "drive", "j", "m"})
+
+
+def apart(mapping: Map | None, robot: RobotModel, tables: Sequence[LogTable]) -> list[LogTable]:
+    """The tables, with `FILE/COLUMN` for columns of equal names in several files where needed.
+
+    It is if the map has such names, or if only such names tell the joints apart: files that are
+    called after the joints (`elbow.csv`, `motor_2.csv`).
+    """
+    named = told_apart(tables)
+    added = set(channel_names(named)) - set(channel_names(tables))
+    if not added:
+        return list(tables)
+    if mapping is not None and (mapping.joints or mapping.vehicle):
+        used = {column.column for joint in mapping.joints.values() for column in _columns(joint)}
+        used |= {column.column for column in mapping.actuators.values()}
+        used |= {*(mapping.vehicle.columns if mapping.vehicle else ())}
+        return named if used & added else list(tables)
+    if not robot.jointed or not all(_of_a_joint(table.source, robot) for table in tables):
+        return list(tables)
+    try:
+        layout(mapping, robot, tables)
+    except UnmatchedChannels:
+        return named
+    return list(tables)
+
+
+def _columns(joint: Joint) -> list[ColumnMap]:
+    """The columns of a joint's entry in a map."""
+    parts = (joint.position, joint.velocity, joint.command, joint.target_velocity)
+    return [part for part in (*parts, joint.feedforward) if part is not None]
+
+
+def _of_a_joint(source: str, robot: RobotModel) -> bool:
+    """Whether a file is called after a joint, or a number of one."""
+    own = matching.words(source.partition(".")[0])
+    each = [matching.words(joint) for joint in matching.named(robot)]
+    named = any(own[k : k + len(j)] == j for j in each for k in range(len(own)))
+    return named or (bool(_PART & set(own)) and any(word.isdigit() for word in own))
 
 
 def with_angles(table: LogTable, robot: RobotModel) -> LogTable:

@@ -19,7 +19,7 @@ from .cleaning import (
     moving_part,
     rows_of,
 )
-from .layout import ChannelSource, Layout, layout, pose_velocity, with_angles
+from .layout import ChannelSource, Layout, apart, layout, pose_velocity, with_angles
 from .mapping import Map
 from .pd_law import held_mean
 from .recordings import LogSegment, Recordings
@@ -57,7 +57,7 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
         UnusableLog: no stretch of the logs has all signals for at least half a second.
     """
     mapping = mapping or Map()
-    tables = [with_angles(table, robot) for table in tables]
+    tables = [with_angles(table, robot) for table in apart(mapping, robot, tables)]
     made = layout(mapping, robot, tables)
     findings = [finding for table in tables for finding in table.findings]
     if made.assumed:

@@ -1,6 +1,7 @@
 """ArduPilot's DataFlash logs (.bin), through `pymavlink`."""
 
 import contextlib
+import re
 from collections import defaultdict
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from . import Columns, check_size
 
 _CLOCKS = {"TimeUS": 1.0, "TimeMS": 1e3}  # fields of the time, and their unit [µs]
 _LATEST = 1e15  # thirty years [µs]; a time beyond is damaged
+_WANTED = re.compile(r"MOT_\d+_DIRECTION")  # parameters that say what commands mean
 _INSTANCES = ("I", "Instance", "C")
 
 
@@ -19,6 +21,7 @@ def read(path: Path) -> list[Columns]:
 
     Messages of several sensors or motors (field `I`, `C` or `Instance`) are separated:
     `KIND_1/FIELD` of instance 1. Times are `TimeUS` [µs], in old logs `TimeMS` [ms].
+    A parameter that reverses a motor is `PARM/MOT_1_DIRECTION`.
 
     Raises:
         UnreadableLog: the file is beyond the limit or has no message with a time.
@@ -37,6 +40,8 @@ def read(path: Path) -> list[Columns]:
                 if kind != "FMT":  # the declarations of the others
                     unread[kind] = "messages without a time"
                 continue
+            if _WANTED.fullmatch(str(values.get("Name", ""))):  # else a table of names and values
+                values[values.pop("Name")] = values.pop("Value", np.nan)
             instance = next((values[key] for key in _INSTANCES if key in values), 0)
             name = f"{kind}_{instance}" if isinstance(instance, int) and instance else kind
             numbers = {k: x for k, x in values.items() if isinstance(x, int | float)}
