@@ -65,6 +65,9 @@ class RobotModel:
         servos: servos of the joints that are not passive; None unless each has a position servo.
             Their `limits` are forces.
         motors: names of the joints' actuators, "" for one without; () if the file names none.
+        dry_mass: mass of a vehicle without the added mass of the water [kg]; None where its sheet
+            has no added mass.
+        weighed: whether the user states the dry mass.
         coupling: how some of the joints follow others; None if all move by themselves. Followers
             are passive, and their nominal friction and rotors are part of their leaders'.
         top_speed: speed of the rotors at full command [rad/s]; inf where the sheet has none.
@@ -88,6 +91,8 @@ class RobotModel:
     passive: tuple[str, ...] = ()
     servos: Servos | None = None
     motors: tuple[str, ...] = ()
+    dry_mass: float | None = None
+    weighed: bool = False
     coupling: JointCoupling | None = None
     top_speed: float = np.inf
 

@@ -13,6 +13,7 @@ from ...robots import RobotModel
 from ..logs.recordings import Recordings
 from ..logs.unusable import UnusableLog
 from .choose.structured import structured
+from .dry_mass import NAMES, added_mass, stated_mass, with_dry_mass
 from .fit import Fit, Precision, minimise, precision, tempered, tempered_fit
 from .identifiability import (
     combinations_in_words,
@@ -63,6 +64,9 @@ def calibrate(
     """
     begin = time.perf_counter()
     known = dict(options.known)
+    dry = stated_mass(robot, known)
+    if dry is not None:
+        robot = with_dry_mass(robot, dry)
     check_loads(options.loads, [segment.source for segment in recordings.segments])
     for payload in payloads(robot.model, options.loads):
         known |= payload.known
@@ -101,9 +105,10 @@ def calibrate(
 
 def _estimated(robot: RobotModel, made: Structured, known: Mapping[str, float]) -> BatchFit:
     """The fit of a structure with known values, and its precision."""
+    own = {x: v for x, v in known.items() if not (robot.weighed and x in NAMES)}
 
     def informed(each: FitProblem) -> FitProblem:
-        return with_known(rescaled(each, known) if robot.weightless else each, known)
+        return with_known(rescaled(each, own) if robot.weightless else each, own)
 
     problem = informed(made.problem)
     fit, share = tempered_fit(problem)
@@ -156,18 +161,20 @@ def _identification(
     `logs` are those of training and of validation.
     """
     made, problem, fit, exact = fitted[:4]
-    recordings, others = logs
+    recordings, validating = logs
     gain_spread = problem.spread[problem.space.actuators]
     stated = bool((gain_spread < TRUSTED).all())
     scale = common_scale(problem, exact, fit.theta, stated, robot.weightless, known)
-    found = [*found, *idle_values(problem, scale, known)]
+    others = {x: v for x, v in known.items() if not (robot.weighed and x in NAMES)}
+    found = [*found, *idle_values(problem, scale, others)]
     judged = verdict(joints, robot.jointed)
     explains, sentence = scale.judged(*with_doubts(*judged, found))
     common = np.zeros(2 * fit.theta.shape) if scale.fixed else scale.weights
     parameters = parameters_in_words(problem, fit, exact, gain_spread, common)
+    found += added_mass(robot, parameters)
     checked = None
-    if others is not None and made.checked is not None:
-        checked = _curves(made.checked, fit.theta, others)
+    if validating is not None and made.checked is not None:
+        checked = _curves(made.checked, fit.theta, validating)
     return Identification(
         explains=explains,
         verdict=sentence,

@@ -22,6 +22,7 @@ from ...robots import RobotModel
 from ..logs.recordings import LogSegment, Recordings
 from .choose.columns import further_columns, further_names
 from .choose.timing import Timing
+from .dry_mass import scale_deviation
 from .joints import FILE
 from .problem import FitProblem, Size, size_weights
 from .rows import Rows, with_columns
@@ -137,7 +138,8 @@ class VehicleRows(Rows):
         prior = np.append(self._prior, np.zeros(len(space) - len(self._prior)))
         spread = np.where(space.geometries == "positive", _SPREAD, space.scale)
         weights = _size(space, rows[self.usable], prior)
-        size = Size(weights[None], np.zeros(len(space), dtype=np.intp), FILE, none)
+        deviation = scale_deviation(self.robot) if self.robot.weighed else FILE
+        size = Size(weights[None], np.zeros(len(space), dtype=np.intp), deviation, none)
         # relative to its own drag, noise of a velocity without an actuator would pass for drag
         inertia = np.tile(weights, (rows.shape[1], 1))
         of_rows = (self.usable, self.t, self.segment)
