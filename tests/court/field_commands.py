@@ -7,6 +7,7 @@ user would bring: the model, logs, a map where one is needed, and apart from the
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -304,3 +305,60 @@ def _mimic_urdf(masses: Array, ratio: float, offset: float) -> str:
             text += f'<mimic joint="elbow" multiplier="{ratio}" offset="{offset}"/>'
         text += "</joint>"
     return text + "</robot>"
+
+
+# -- curves of thrusters --------------------------------------------------------------------------
+
+
+class Curved(Driver):
+    """A ROV's driver whose thrusters have another curve than the plant's: it commands what acts."""
+
+    def __init__(self, driver: Driver, acting: Callable[[Array], Array]):
+        self._driver = driver
+        self._acting = acting
+
+    def start(self) -> tuple[Array, Array]:
+        """That of the driver."""
+        return self._driver.start()
+
+    def command(self, t: float, q: Array, v: Array) -> Array:
+        """(n_u,) commands with which the plant's curve gives the forces of the true one."""
+        return self._acting(np.array(self._driver.command(t, q, v)))
+
+
+def draw_curve(seed: int, folder: Path, duration: float = 40.0) -> Drawn:
+    """A BlueROV2 whose thrusters have a dead zone, an exponent and a weaker reverse."""
+    rng = np.random.default_rng([seed, 4])
+    dead = float(rng.uniform(0.02, 0.12))
+    exponent = float(rng.uniform(1.3, 2.0))
+    reverse = float(rng.uniform(0.85, 1.0))
+    scenario = replace(
+        load("bluerov2"), duration=duration, sensors="noisy", seed=int(rng.integers(2**31))
+    )
+    setup = Setup.of(scenario)
+    grid = np.linspace(0.0, 1.0, 2001)
+    curve = np.asarray(setup.system.columns("thruster")[0].constants["curve"])[1:]
+    sheet = sum(c * grid ** (k + 1) for k, c in enumerate(curve))
+    top = int(np.argmax(sheet))
+
+    def acting(u: Array) -> Array:
+        size = (np.maximum(np.abs(u) - dead, 0.0) / (1 - dead)) ** exponent
+        force = size * np.where(u < 0, reverse, 1.0) * 0.98 * sheet[top]
+        return np.sign(u) * np.interp(force, sheet[: top + 1], grid[: top + 1])
+
+    driver = setup.driver()
+    with setup.plant.running():
+        sensors = Sensors(scenario.noise, np.random.default_rng(setup.seeds.sensors))
+        own = Curved(driver, acting)
+        log = setup.plant.drive(
+            own, setup.plant.begin(own, sensors), round(duration / scenario.dt), sensors
+        )
+    u = np.array([driver.command(t, log.q[0], log.v[0]) for t in log.t.tolist()])
+    parts = {"q": log.q, "v": log.v, "u": u}
+    header = ["t", *(f"{x}_{k}" for x, part in parts.items() for k in range(part.shape[1]))]
+    path = folder / f"curve_{seed}.csv"
+    table = np.column_stack([log.t, *parts.values()])[:: round(0.02 / scenario.dt)]
+    np.savetxt(path, table, delimiter=",", header=",".join(header), comments="", fmt="%.9g")
+    truth = dict(zip(setup.system.space.labels, setup.plant.truth.tolist(), strict=True))
+    truth |= {"dead zone": dead, "exponent": exponent, "reverse": reverse}
+    return Drawn("curve", Path("bluerov2"), [path], None, truth)

@@ -20,7 +20,8 @@ from ..unmodelled_effects import command_suspects
 from ..vehicles import VehicleRows
 from .columns import EXTRA
 from .cutoff import NARROWER, filter_for
-from .options import CUTOFF, FURTHER_COLUMNS, improves
+from .options import CUTOFF, FURTHER_COLUMNS, NUMBER, improves
+from .thruster_curve import TRIALS, ThrusterCurve, fitted_curve, rough_curve
 from .timing import Timing, search
 
 _ROUNDS = 3  # of choosing timing and cut-off in turn
@@ -71,6 +72,12 @@ def structured_vehicle(
         rows = _most_informative(trials, columns, timing)
         if rows is before:
             break
+    if rows.thrusters and options.columns is None:
+        report("choosing the thrusters' curve")
+        bent = _curved(rows, columns, timing, others, options.delay, report)
+        if bent is not None:
+            timing, others, said = bent
+            findings = said or findings
     if options.columns is None:
         report("choosing columns")
         columns, notes = _richer(rows, timing)
@@ -101,7 +108,7 @@ def structured_vehicle(
         rows.chosen.cutoff,
         rows.delays(timing),
         suspects,
-        acting=lambda u, rate: rows.acting(u, rate, timing),
+        acting=lambda u, rate: rows.acting_on_sheet(u, rate, timing),
         columns=rows.further(columns),
     )
 
@@ -132,6 +139,53 @@ def _timing(
     cost = _cost(rows, columns, Timing())
     free = [0, *([1] if rows.rotors or rows.others else []), *([2] if rows.rotors else [])]
     return search(lambda x: cost(columns, x), rows.robot.joints, free, report)
+
+
+def _curved(
+    rows: VehicleRows,
+    columns: frozenset[str],
+    timing: Timing,
+    others: list[Timing],
+    delay: Array | None,
+    report: Callable[[str], None],
+) -> tuple[Timing, list[Timing], list[Finding]] | None:
+    """The timing with the thrusters' curve, plausible others, notes; None if the sheet's is best.
+
+    `timing` and `others` are those of the sheet's curve.
+
+    A wrong curve bends the delay: the curve is sought at the timing of the sheet's curve and
+    without any, then the timing with that curve, then the curve again. A given `delay` is kept.
+    """
+    cost = _cost(rows, columns, timing)
+    starts = [timing] if delay is not None else [timing, Timing()]
+    trials = [start._replace(curve=curve) for start in starts for curve in TRIALS]
+    costs = [cost(columns, trial) for trial in trials]
+    made = trials[int(np.argmin(costs))]
+    if not improves(cost(columns, timing), min(costs), NUMBER):
+        return None
+
+    def of(timing: Timing) -> Callable[[ThrusterCurve], float]:
+        return lambda x: cost(columns, timing._replace(curve=x))
+
+    curve, told = rough_curve(of(made), made.curve)
+    if not told:  # the sheet's remains, and intervals allow for the other
+        return timing, [*others, timing._replace(curve=curve)], []
+    if delay is not None:
+        curve, near, notes = fitted_curve(of(made), curve)
+        made = made._replace(curve=curve)
+        return (made, [made._replace(curve=x) for x in near], notes) if notes else None
+    cost = _cost(rows, columns, made._replace(curve=curve))
+    free = [0, 1] if rows.others else [0]
+    names = rows.robot.joints
+    found, more, said = search(
+        lambda x: cost(columns, x._replace(curve=curve)), names, free, report
+    )
+    curve, near, notes = fitted_curve(of(found), curve)
+    if not notes:
+        return None
+    made = found._replace(curve=curve)
+    plausible = [x._replace(curve=curve) for x in more]
+    return made, [*plausible, *(made._replace(curve=x) for x in near)], [*said, *notes]
 
 
 def _with_cutoff(rows: VehicleRows, share: float) -> VehicleRows:
