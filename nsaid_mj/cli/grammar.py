@@ -36,8 +36,8 @@ class Identify:
     Attributes:
         packed: a packed robot with a log: tx40 or so101.
         model: URDF, MJCF or vehicle's TOML file; name of a packed robot or vehicle.
-        log: log files or folders of them; CSV, Parquet, Arrow, npz, a run's folder, ROS bag, MCAP,
-            ULog, DataFlash, LeRobot dataset, Rerun recording.
+        log: log files or folders of them; CSV, JSON, Parquet, Arrow, npz, mat, a run's folder, ROS
+            bag, MCAP, ULog, DataFlash, LeRobot dataset, Rerun recording.
         validate: log files on which the estimate is judged; they take no part in the fit.
         map: TOML file with the meaning of columns; `nsaid inspect` writes a first one.
         validate_map: that of the logs of --validate; by default --map.
@@ -93,8 +93,9 @@ class Inspect:
     would reject the log.
 
     Attributes:
-        logs: log files or folders of them; CSV, Parquet, Arrow, npz, a run's folder, ROS bag, MCAP,
-            ULog, DataFlash, LeRobot dataset, Rerun recording; or tx40 or so101 for a packed log.
+        logs: log files or folders of them; CSV, JSON, Parquet, Arrow, npz, mat, a run's folder, ROS
+            bag, MCAP, ULog, DataFlash, LeRobot dataset, Rerun recording; or tx40 or so101 for a
+            packed log.
         model: URDF, MJCF or vehicle's TOML file; name of a packed robot or vehicle.
         map: TOML file with the meaning of columns; by default they are matched by name.
         lock: comma-separated joints that do not move.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +16,18 @@ from ..core import joint_names as system_joints
 from .errors import BadRobot, RobotChanged
 from .inertias import make_physical
 from .mjcf_file import compile_file
-from .model import RobotModel, check_tree, home, locked_joints, reduced
+from .model import (
+    MimicLaw,
+    RobotModel,
+    check_tree,
+    coupled,
+    home,
+    locked_joints,
+    reduced,
+    resolved,
+)
 from .shapes import Shapes, shapes_of_geoms
-from .tree import joint_names, motors, position_servos, rigid_tree
+from .tree import actuators_of, joint_names, motor_name, motors, position_servos, rigid_tree
 
 _NAMELESS = "MuJoCo Model"  # MuJoCo's name of a model without one
 _HELD = "this free joint was fixed at its initial pose", "Use logs of a robot on a stand."
@@ -44,11 +53,16 @@ def load_mjcf(
     free = [n for n in names if whole.joints[whole.getJointId(n)].nv == 6]
     held = free[1:] if base == "free" else free
     movable = [n for n in names if n not in free]
+    laws = {} if base is not None else joint_laws(str(path), mj, names)
+    if joints is not None:  # what follows a joint moves with it
+        led = [f for f, law in laws.items() if law.leader in joints and f not in {*lock, *joints}]
+        joints = [*joints, *led]
     locked = locked_joints(movable, [n for n in lock if n not in free], joints)
     locked |= set(held)
     model = reduced(whole, pin.GeometryModel(), locked, initial_pose(mj, whole, free))[0]
     check_tree(str(path), model, base)
-    findings += check_couplings(str(path), mj, names, locked)
+    laws = {f: law for f, law in laws.items() if f in locked or law.leader not in locked}
+    findings += check_couplings(str(path), mj, names, locked, laws)
     moving = tuple(system_joints(model))
     gain, limits, damping, passive, said = motors(mj, names, moving)
     findings += [Finding("warning", "base_held", f"joint {n}", *_HELD) for n in held]
@@ -56,7 +70,8 @@ def load_mjcf(
     dof = [mj.jnt_dofadr[names.index(joint)] for joint in moving]
     first = model.nv - len(dof)  # 6 if the base is free
     model.effortLimit[first:] = np.abs(gain) * limits
-    servos = position_servos(mj, names, [j for j in moving if j not in passive])
+    servos = position_servos(mj, names, [j for j in moving if j not in {*passive, *laws}])
+    said = [f for f in said if f.code != "no_actuator" or not set(f.where.split(", ")) <= {*laws}]
     robot = RobotModel(
         name=name,
         source=path,
@@ -73,12 +88,13 @@ def load_mjcf(
         file=path,
         passive=passive,
         servos=servos,
+        motors=tuple(motor_name(mj, names.index(joint)) for joint in moving),
     )
     mixed = [] if servos is not None else [f for f in said if f.code == "servo"]
     warned = [str(f) for f in [*findings, *mixed] if f.level == "warning"]
     if base is not None and warned:
         warnings.warn(RobotChanged(str(path), warned), stacklevel=2)
-    return robot
+    return coupled(robot, laws)
 
 
 def initial_pose(mj: Any, model: pin.Model, free: Sequence[str]) -> Array:
@@ -112,17 +128,50 @@ _TENDON = mujoco.mjtTrn.mjTRN_TENDON
 _OF_JOINTS = mujoco.mjtWrap.mjWRAP_JOINT
 
 
-def check_couplings(robot: str, mj: Any, names: Sequence[str], locked: set[str]) -> list[Finding]:
+def joint_laws(robot: str, mj: Any, names: Sequence[str]) -> dict[str, MimicLaw]:
+    """The joints that follow another one by an equality constraint that is a straight line.
+
+    The leader is the one with an actuator, by default the constraint's second joint. Constraints of
+    two joints with actuators are left out.
+    """
+    laws: dict[str, MimicLaw] = {}
+    for e in range(mj.neq):
+        pair = int(mj.eq_obj1id[e]), int(mj.eq_obj2id[e])
+        start, slope, *curve = mj.eq_data[e, :5].tolist()
+        of_joints = mujoco.mjtEq(mj.eq_type[e]) == mujoco.mjtEq.mjEQ_JOINT
+        if not (mj.eq_active0[e] and of_joints and min(pair) >= 0) or slope == 0 or any(curve):
+            continue
+        driven = [bool(actuators_of(mj, j)) for j in pair]
+        if all(driven):
+            continue
+        zero = [float(mj.qpos0[mj.jnt_qposadr[j]]) for j in pair]
+        offset = zero[0] + start - slope * zero[1]
+        if driven[0]:  # q1 = slope · q2 + offset, the other way round
+            laws[names[pair[1]]] = MimicLaw(names[pair[0]], 1 / slope, -offset / slope)
+        else:
+            laws[names[pair[0]]] = MimicLaw(names[pair[1]], slope, offset)
+    return resolved(robot, laws)
+
+
+def check_couplings(
+    robot: str,
+    mj: Any,
+    names: Sequence[str],
+    locked: set[str],
+    laws: Mapping[str, MimicLaw],
+) -> list[Finding]:
     """Checks that no equality constraint, and no tendon by a spring or actuator, couples joints.
 
+    `laws` are those of joints that follow others, whose constraints are part of the structure.
     Returns warnings of tendons between moving joints that have inertia or friction only, as of a
-    motor that two joints share.
+    motor that two joints share, and notes of tendons that only limit the motion.
 
     Raises:
         BadRobot: names the tendon or constraint, and the joints to lock.
     """
     for e in range(mj.neq):
-        if mj.eq_active0[e]:
+        followed = {names[j] for j in _of_equality(mj, e)} & {*laws}
+        if mj.eq_active0[e] and not followed:
             _refuse(
                 robot,
                 "equality constraint",
@@ -136,6 +185,10 @@ def check_couplings(robot: str, mj: Any, names: Sequence[str], locked: set[str])
         joints = [names[j] for j in sorted(_of_tendon(mj, t))]
         if _acts(mj, t):
             _refuse(robot, "tendon", name, joints, locked)
+        elif mj.tendon_limited[t]:
+            text = "this tendon only limits the motion, and was ignored"
+            remedy = "Leave out rows in which it is taut, if there are any."
+            found.append(Finding("note", "limit_tendon", name, text, remedy))
         elif _drags(mj, t) and len(set(joints) - locked) > 1:
             text = (
                 f"inertia and friction of this tendon are left out; it couples {', '.join(joints)}"
@@ -174,9 +227,9 @@ def _of_equality(mj: Any, e: int) -> set[int]:
 
 
 def _acts(mj: Any, t: int) -> bool:
-    """Whether a tendon can exert a force on joints at rest."""
+    """Whether a tendon can exert a force on joints at rest that are within its limits."""
     driven = (mj.actuator_trntype == _TENDON) & (mj.actuator_trnid[:, 0] == t)
-    taut = np.any(mj.tendon_stiffness[t]) or mj.tendon_limited[t] or driven.any()
+    taut = np.any(mj.tendon_stiffness[t]) or driven.any()
     return bool(taut or (_drags(mj, t) and mj.wrap_type[mj.tendon_adr[t]] != _OF_JOINTS))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -22,6 +22,22 @@ class Servos(NamedTuple):
     range: Array  # (k, 2) least and largest target [rad or m]; ±inf without limit
     delay: Array  # (k,) from a target to the servo [s]; see `tree.target_delays`
     profile: Array  # (k, 3) profile of the targets; see `target_profile`
+
+
+class MimicLaw(NamedTuple):
+    """The law of a joint that follows another: q = multiplier · q_leader + offset."""
+
+    leader: str  # name of the joint that it follows
+    multiplier: float  # ratio of the positions
+    offset: float  # its position where the leader is at 0 [rad or m]
+
+
+class JointCoupling(NamedTuple):
+    """Joints of which some follow others rigidly: positions q = S y + c of all n joints."""
+
+    ratio: Array  # (n, k) S
+    offset: Array  # (n,) c [rad or m]
+    leaders: tuple[int, ...]  # (k,) numbers of the joints y that move by themselves
 
 
 @dataclass(frozen=True)
@@ -48,6 +64,12 @@ class RobotModel:
         passive: names of the joints without an actuator in a file that has some.
         servos: servos of the joints that are not passive; None unless each has a position servo.
             Their `limits` are forces.
+        motors: names of the joints' actuators, "" for one without; () if the file names none.
+        dry_mass: mass of a vehicle without the added mass of the water [kg]; None where its sheet
+            has no added mass.
+        weighed: whether the user states the dry mass.
+        coupling: how some of the joints follow others; None if all move by themselves. Followers
+            are passive, and their nominal friction and rotors are part of their leaders'.
         top_speed: speed of the rotors at full command [rad/s]; inf where the sheet has none.
     """
 
@@ -68,11 +90,30 @@ class RobotModel:
     file: Path | None = None
     passive: tuple[str, ...] = ()
     servos: Servos | None = None
+    motors: tuple[str, ...] = ()
+    dry_mass: float | None = None
+    weighed: bool = False
+    coupling: JointCoupling | None = None
     top_speed: float = np.inf
 
     def __post_init__(self) -> None:
         if self.jointed:  # it follows from the model, and changes with it
             object.__setattr__(self, "system", links_of(self.model))
+
+    @property
+    def independent(self) -> tuple[int, ...]:
+        """Numbers of the joints that move by themselves, from 0."""
+        return tuple(range(len(self.joints))) if self.coupling is None else self.coupling.leaders
+
+    @property
+    def leaders(self) -> tuple[str, ...]:
+        """Names of the joints that move by themselves."""
+        return tuple(self.joints[j] for j in self.independent)
+
+    @property
+    def followers(self) -> tuple[str, ...]:
+        """Names of the joints that follow others."""
+        return tuple(joint for joint in self.joints if joint not in self.leaders)
 
     @property
     def jointed(self) -> bool:
@@ -114,6 +155,76 @@ def links_of(
     space = ParameterSpace(blocks)
     structure = replace(tree.structure, columns=(), rotors=(), p=len(space))
     return rebuilt(tree, structure, space)
+
+
+def coupled(robot: RobotModel, laws: Mapping[str, MimicLaw]) -> RobotModel:
+    """The robot whose joints of these names follow others, with a note, or a warning if welded.
+
+    Motors, rotors and friction of followers act on their leaders, which have them in the model.
+    """
+    joints = robot.joints
+    held = [f for f, law in laws.items() if f not in joints and law.leader in joints]
+    for leader in dict.fromkeys(laws[name].leader for name in held):
+        names = [name for name in held if laws[name].leader == leader]
+        text = f"it moves {', '.join(names)} with it; their links were welded, so the inertia of "
+        text += "their own motion is not in the model"
+        where = f"joint {leader}"
+        welded = Finding("warning", "mimic_joint", where, text, data={"followers": names})
+        robot = replace(robot, findings=(*robot.findings, welded))
+    laws = {name: law for name, law in laws.items() if name in joints}
+    if not laws:
+        return robot
+    leaders = tuple(j for j, name in enumerate(joints) if name not in laws)
+    ratio = np.zeros((len(joints), len(leaders)))
+    offset = np.zeros(len(joints))
+    for j, name in enumerate(joints):
+        law = laws.get(name, MimicLaw(name, 1.0, 0.0))
+        ratio[j, leaders.index(joints.index(law.leader))] = law.multiplier
+        offset[j] = law.offset
+
+    def led(values: Array, size: Array) -> Array:
+        found = np.zeros(len(joints))
+        found[list(leaders)] = size.T @ values
+        return found
+
+    pairs = (f"{name} = {law.multiplier:g} · {law.leader}" for name, law in laws.items())
+    text = f"joints that follow others are one coordinate with these: {', '.join(pairs)}; their "
+    text += "inertia and friction are those of the joint that they follow"
+    data = {"followers": list(laws)}
+    note = Finding("note", "coupled_joints", ", ".join(laws), text, data=data)
+    return replace(
+        robot,
+        damping=led(robot.damping, ratio**2),
+        friction=led(robot.friction, np.abs(ratio)),
+        rotor=led(robot.rotor, ratio**2),
+        passive=tuple(dict.fromkeys((*robot.passive, *laws))),
+        coupling=JointCoupling(ratio, offset, leaders),
+        findings=(*robot.findings, note),
+    )
+
+
+def resolved(robot: str, laws: dict[str, MimicLaw]) -> dict[str, MimicLaw]:
+    """The laws with leaders that follow no other joint.
+
+    Raises:
+        BadRobot: a joint follows itself.
+    """
+    return {name: _resolved(robot, laws, name) for name in laws}
+
+
+def _resolved(robot: str, followers: dict[str, MimicLaw], name: str) -> MimicLaw:
+    """A follower in terms of a leader that is not itself a follower."""
+    found = followers[name]
+    passed = {name}
+    while found.leader in followers:
+        if found.leader in passed:
+            remedy = "Let one of them move freely."
+            raise BadRobot(robot, f"joint {name}", "it mimics itself in a circle", remedy)
+        passed.add(found.leader)
+        leader, multiplier, offset = followers[found.leader]
+        factor = found.multiplier
+        found = MimicLaw(leader, factor * multiplier, factor * offset + found.offset)
+    return found
 
 
 LOCK = "Lock it, if it stood still in the log: `--lock {}`."

@@ -167,6 +167,12 @@ def actuators_of(mj: Any, joint: int) -> list[int]:
     ]
 
 
+def motor_name(mj: Any, joint: int) -> str:
+    """The name of a joint's first actuator; "" if it has none, or that has no name."""
+    own = actuators_of(mj, joint)
+    return mj.actuator(own[0]).name if own else ""
+
+
 def _add_joint(
     model: pin.Model, mj: Any, j: int, parent: int, place: pin.SE3, name: str
 ) -> tuple[int, pin.SE3]:

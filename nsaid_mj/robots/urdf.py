@@ -1,7 +1,7 @@
 """URDF files in and out: read as a tree of joints, and written with identified numbers.
 
-Pinocchio's torque regressor does not support mimic joints, so the link behind one is welded where
-its leader is at 0. Leader and follower are then one coordinate.
+Pinocchio's torque regressor does not support mimic joints: to it they move by themselves, and their
+coupling is data of the robot.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from lxml import etree
@@ -20,7 +20,16 @@ from ..base import Finding, InvalidInput, coal, pin
 from ..core import Array, body_names, joint_names
 from .errors import BadRobot
 from .inertias import check_inertias, make_physical
-from .model import RobotModel, check_tree, home, locked_joints, reduced
+from .model import (
+    MimicLaw,
+    RobotModel,
+    check_tree,
+    coupled,
+    home,
+    locked_joints,
+    reduced,
+    resolved,
+)
 from .shapes import Shape, Shapes, resolve_meshes, shapes_of_geometry
 from .urdf_checks import (
     ENTRIES,
@@ -65,13 +74,14 @@ def load_urdf(
     findings += resolve_meshes(root, path)
     whole = _pinocchio(path, xml := etree.tostring(root, encoding="unicode"), base == "free")
     names = [name for name in list(whole.names)[1:] if name not in followers]
-    locked = locked_joints(names, lock, joints)
-    findings += weld(followers, set(names) - locked)
+    held = followers.keys() & set(lock)
+    locked = held | locked_joints(names, [name for name in lock if name not in held], joints)
+    still = {name for name, law in followers.items() if law.leader not in set(names) - locked}
     q = _configuration(whole, followers)
     may_float = {"free": [], "held": names[:1]}.get(base or "", names)
     floating = {n for n in may_float if whole.joints[whole.getJointId(n)].nv == 6} - locked
     findings += [Finding("warning", "base_held", f"joint {name}", _HELD) for name in floating]
-    locked |= floating | set(followers)
+    locked |= floating | still
     model = reduced(whole, pin.GeometryModel(), locked, q)[0]
     check_tree(str(path), model, base)
     if base is not None:
@@ -80,7 +90,7 @@ def load_urdf(
         findings += make_physical(model, body_names(model))
     moving = tuple(joint_names(model))
     first = model.nv - len(moving)  # 6 if the base is free
-    return RobotModel(
+    robot = RobotModel(
         name=model.name or path.stem,
         source=path,
         kind="urdf",
@@ -96,6 +106,7 @@ def load_urdf(
         file=path,
         passive=tuple(name for name in passive_joints(root) if name in moving),
     )
+    return coupled(robot, followers)
 
 
 def _shapes(
@@ -145,14 +156,6 @@ def _pinocchio(path: Path, xml: str, floats: bool) -> pin.Model:
         raise BadRobot(str(path), "", reason, _REMEDY) from error
 
 
-class MimicLaw(NamedTuple):
-    """The law of a mimic joint: q = multiplier · q_leader + offset."""
-
-    leader: str  # name of the joint that it follows
-    multiplier: float  # ratio of the positions
-    offset: float  # its position where the leader is at 0 [rad or m]
-
-
 def mimicking(path: Path, root: Element) -> dict[str, MimicLaw]:
     """The mimic joints of a URDF by name, leaders resolved along chains.
 
@@ -170,38 +173,7 @@ def mimicking(path: Path, root: Element) -> dict[str, MimicLaw]:
         ratio = float(mimic.get("multiplier", "1"))
         offset = float(mimic.get("offset", "0"))
         found[name] = MimicLaw(mimic.get("joint", ""), ratio, offset)
-    return {name: _resolved(path, found, name) for name in found}
-
-
-def weld(followers: dict[str, MimicLaw], moving: set[str]) -> list[Finding]:
-    """A warning about each moving joint that others follow."""
-    findings = []
-    for leader in dict.fromkeys(follower.leader for follower in followers.values()):
-        if leader not in moving:
-            continue
-        names = [name for name, follower in followers.items() if follower.leader == leader]
-        text = (
-            f"it moves {', '.join(names)} with it (<mimic>); their links were welded where it is "
-            "at 0, so the inertia of their own motion is not in the model"
-        )
-        data = {"followers": names}
-        findings.append(Finding("warning", "mimic_joint", f"joint {leader}", text, data=data))
-    return findings
-
-
-def _resolved(path: Path, followers: dict[str, MimicLaw], name: str) -> MimicLaw:
-    """A follower in terms of a leader that is not itself a follower."""
-    found = followers[name]
-    passed = {name}
-    while found.leader in followers:
-        if found.leader in passed:
-            remedy = "Let one of them move freely."
-            raise BadRobot(str(path), f"joint {name}", "it mimics itself in a circle", remedy)
-        passed.add(found.leader)
-        leader, multiplier, offset = followers[found.leader]
-        factor = found.multiplier
-        found = MimicLaw(leader, factor * multiplier, factor * offset + found.offset)
-    return found
+    return resolved(str(path), found)
 
 
 def write_urdf(robot: RobotModel, values: Identified, path: Path) -> None:

@@ -141,6 +141,33 @@ def test_coupled_joints_are_refused_until_they_are_locked(load, more, part):
     assert load(arm(more=more), lock=["elbow", "wrist"]).joints == ("shoulder",)
 
 
+def test_a_joint_that_an_equality_moves_follows(load):
+    line = '<equality><joint joint1="wrist" joint2="elbow" polycoef=".2 -.5 0 0 0"/></equality>'
+    model = load(arm(actuator="", more=line))
+    assert model.leaders == ("shoulder", "elbow") and model.followers == ("wrist",)
+    assert np.allclose(model.coupling.ratio, [[1, 0], [0, 1], [0, -0.5]])
+    assert model.passive == ("wrist",)
+    turned = line.replace('"wrist" joint2="elbow"', '"elbow" joint2="wrist"')
+    model = load(arm(actuator="", more=turned))
+    assert np.allclose(model.coupling.ratio[2], [0, -2.0])
+    assert model.coupling.offset[2] == pytest.approx(0.4)
+    kept = load(arm(actuator="", more=line), joints=["elbow"])
+    assert kept.joints == ("elbow", "wrist")
+    locked = load(arm(actuator="", more=line), lock=["wrist"])
+    assert locked.coupling is None and "mimic_joint" in {f.code for f in locked.findings}
+    curved = line.replace(".2 -.5 0", ".2 -.5 .1")
+    with pytest.raises(BadRobot, match="equality"):
+        load(arm(actuator="", more=curved))
+
+
+def test_a_tendon_that_only_limits_is_ignored_with_a_word(load):
+    tendon = '<tendon><fixed name="t" limited="true" range="-1 1"><joint joint="elbow" coef="1"/>'
+    tendon += '<joint joint="wrist" coef="1"/></fixed></tendon>'
+    model = load(arm(more=tendon))
+    assert len(model.joints) == 3
+    assert "limit_tendon" in {f.code for f in model.findings}
+
+
 def test_a_measuring_tendon_and_an_inactive_constraint_do_no_harm(load):
     tendon = '<tendon><fixed><joint joint="wrist" coef="1"/></fixed></tendon>'
     off = '<equality><joint joint1="wrist" active="false"/></equality>'

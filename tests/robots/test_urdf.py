@@ -82,17 +82,24 @@ def test_unknown_and_contradictory_joints_are_refused(load):
         load(chain(), joints=[])
 
 
-def test_a_mimic_joint_has_no_coordinate_of_its_own(load):
+def test_a_mimic_joint_follows_its_leader(load):
     mimic = '<mimic joint="joint_2" multiplier="-2" offset="0.3"/>'
     text = chain(joint_3=joint("joint_3", "link_2", "link_3", extra=mimic))
     model = load(text)
-    assert model.joints == ("joint_1", "joint_2")
+    assert model.leaders == ("joint_1", "joint_2") and model.followers == ("joint_3",)
     (finding,) = model.findings
+    assert finding.code == "coupled_joints" and "joint_3 = -2 · joint_2" in str(finding)
+    assert model.coupling.ratio.tolist() == [[1, 0], [0, 1], [0, -2]]
+    assert model.coupling.offset.tolist() == [0, 0, 0.3]
+    assert model.passive == ("joint_3",)
+    welded = load(text, lock=["joint_3"])
+    assert welded.joints == ("joint_1", "joint_2") and welded.coupling is None
+    (finding,) = welded.findings
     assert finding.code == "mimic_joint" and "joint_3" in str(finding)
     whole = load(chain()).model
     q = np.array([0.4, -0.2])
     gravity = pin.computeGeneralizedGravity(whole, whole.createData(), np.append(q, 0.3))
-    found = pin.computeGeneralizedGravity(model.model, model.model.createData(), q)
+    found = pin.computeGeneralizedGravity(welded.model, welded.model.createData(), q)
     assert np.allclose(found, gravity[:2], atol=1e-12)
     assert load(text, lock=["joint_2"]).findings == ()
 
@@ -107,11 +114,11 @@ def test_mimic_joints_in_a_circle_are_refused(load):
         load(chain(joint_2=one, joint_3=two))
 
 
-def test_a_mimic_joint_on_the_circle_is_welded_at_its_offset(load):
+def test_a_locked_mimic_joint_on_the_circle_is_welded_at_its_offset(load):
     mimic = '<mimic joint="joint_2" offset="0.3"/>'
     turning = joint("joint_2", "link_1", "link_2", kind="continuous")
     follows = joint("joint_3", "link_2", "link_3", kind="continuous", extra=mimic)
-    model = load(chain(joint_2=turning, joint_3=follows)).model
+    model = load(chain(joint_2=turning, joint_3=follows), lock=["joint_3"]).model
     assert list(model.names)[1:] == ["joint_1", "joint_2"]
     whole = load(chain(joint_2=turning)).model
     angles = np.array([0.4, -0.2])

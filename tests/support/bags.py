@@ -56,3 +56,52 @@ def write_bag(path: Path, kind: str, times: np.ndarray, effort: bool = True) -> 
                 )
                 bag.write(odom, late, serialize(message, odometry))
     return path
+
+
+def write_sensors(path: Path, times: np.ndarray) -> Path:
+    """A bag with an Imu, a pose, a twist, an array, an image and a type that it defines itself."""
+    from rosbags.rosbag2 import StoragePlugin
+    from rosbags.rosbag2 import Writer as Writer2
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    own = "robot_msgs/msg/Thrust"
+    store.register(get_types_from_msg("float64[3] force\nfloat32 voltage\n", own))
+    types = store.types
+    vector = types["geometry_msgs/msg/Vector3"]
+    turn = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.6, 0.8)
+    with Writer2(path, version=8, storage_plugin=StoragePlugin.MCAP) as bag:
+        names = {
+            "imu": "sensor_msgs/msg/Imu",
+            "pose": "geometry_msgs/msg/PoseStamped",
+            "twist": "geometry_msgs/msg/TwistStamped",
+            "pwm": "std_msgs/msg/UInt16MultiArray",
+            "image": "std_msgs/msg/UInt8MultiArray",
+            "thrust": own,
+        }
+        topics = {
+            t: bag.add_connection(f"/{t}", kind, typestore=store) for t, kind in names.items()
+        }
+        layout = types["std_msgs/msg/MultiArrayLayout"]([], 0)
+        for t in times.tolist():
+            nanoseconds = round(t * 1e9) + 10**9
+            stamp = types["builtin_interfaces/msg/Time"](*divmod(nanoseconds, 10**9))
+            header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="base")
+            nine = np.zeros(9)
+            point = types["geometry_msgs/msg/Point"](t, 1.0, 2.0)
+            pose = types["geometry_msgs/msg/Pose"](point, turn)
+            twist = types["geometry_msgs/msg/Twist"](vector(t, 0.0, 0.0), vector(0.0, 0.0, 0.5))
+            messages = {
+                "imu": types[names["imu"]](
+                    header, turn, nine, vector(0.1, 0.2, t), nine, vector(0.0, 0.0, 9.8), nine
+                ),
+                "pose": types[names["pose"]](header, pose),
+                "twist": types[names["twist"]](header, twist),
+                "pwm": types[names["pwm"]](layout, np.array([1500, 1600], np.uint16)),
+                "image": types[names["image"]](layout, np.zeros(4096, np.uint8)),
+                "thrust": types[own](np.array([1.0, 2.0, t]), 14.8),
+            }
+            for topic, message in messages.items():
+                raw = store.serialize_cdr(message, names[topic])
+                bag.write(topics[topic], nanoseconds, raw)
+    return path

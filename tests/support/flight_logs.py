@@ -88,8 +88,12 @@ def write_ulog(path: Path, topics: Topics) -> Path:
     return path
 
 
-def write_dataflash(path: Path, kinds: Topics) -> Path:
-    """A DataFlash log of kinds of messages with floats, or bytes, one number a field."""
+def write_dataflash(path: Path, kinds: Topics, clock: str = "TimeUS") -> Path:
+    """A DataFlash log of kinds of messages with floats, or bytes, one number a field.
+
+    `clock` is the field of the time; `TimeMS` of old firmware is in milliseconds.
+    """
+    time, ticks = ("Q", 1e6) if clock == "TimeUS" else ("I", 1e3)
 
     def declared(number: int, length: int, name: str, types: str, labels: str) -> bytes:
         texts = (name.encode(), types.encode(), labels.encode())
@@ -97,14 +101,14 @@ def write_dataflash(path: Path, kinds: Topics) -> Path:
 
     parts = [declared(0x80, 89, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")]
     for number, (kind, (columns, _)) in enumerate(kinds.items(), start=0x90):
-        types = "Q" + "".join("B" if x.dtype == np.uint8 else "f" for x in columns.values())
+        types = time + "".join("B" if x.dtype == np.uint8 else "f" for x in columns.values())
         length = 3 + struct.calcsize(f"<{types}")
-        parts.append(declared(number, length, kind, types, ",".join(["TimeUS", *columns])))
+        parts.append(declared(number, length, kind, types, ",".join([clock, *columns])))
     for number, (columns, t) in enumerate(kinds.values(), start=0x90):
-        for k, stamp in enumerate(np.round(t * 1e6).astype(np.uint64).tolist()):
+        for k, stamp in enumerate(np.round(t * ticks).astype(np.uint64).tolist()):
             own = [c[k] for c in columns.values()]
             types = "".join("B" if x.dtype == np.uint8 else "f" for x in own)
-            row = struct.pack(f"<Q{types}", stamp, *own)
+            row = struct.pack(f"<{time}{types}", stamp, *own)
             parts.append(b"\xa3\x95" + bytes([number]) + row)
     path.write_bytes(b"".join(parts))
     return path

@@ -13,6 +13,7 @@ from ...robots import RobotModel
 from ..logs.recordings import Recordings
 from ..logs.unusable import UnusableLog
 from .choose.structured import structured
+from .dry_mass import NAMES, added_mass, stated_mass, with_dry_mass
 from .fit import Fit, Precision, minimise, precision, tempered, tempered_fit
 from .hypotheses import without_contradicted
 from .identifiability import (
@@ -64,6 +65,9 @@ def calibrate(
     """
     begin = time.perf_counter()
     known = dict(options.known)
+    dry = stated_mass(robot, known)
+    if dry is not None:
+        robot = with_dry_mass(robot, dry)
     check_loads(options.loads, [segment.source for segment in recordings.segments])
     for payload in payloads(robot.model, options.loads):
         known |= payload.known
@@ -105,6 +109,11 @@ def calibrate(
     return result
 
 
+def _of_parameters(robot: RobotModel, known: Mapping[str, float]) -> dict[str, float]:
+    """Known values of parameters, without a vehicle's dry mass, which the structure contains."""
+    return {x: v for x, v in known.items() if not (robot.weighed and x in NAMES)}
+
+
 def _estimated(
     robot: RobotModel, made: Structured, known: Mapping[str, float], apart: float
 ) -> BatchFit:
@@ -112,9 +121,10 @@ def _estimated(
 
     `apart` is a relative standard deviation of the scale beside that of the prior.
     """
+    told = _of_parameters(robot, known)
 
     def own(each: FitProblem) -> FitProblem:
-        return informed(each, known, robot.weightless)
+        return informed(each, told, robot.weightless)
 
     problem = own(made.problem)
     fit, share = tempered_fit(problem)
@@ -170,17 +180,18 @@ def _identification(
     `logs` are those of training and of validation.
     """
     made, problem, fit, exact = fitted[:4]
-    recordings, others = logs
+    recordings, validating = logs
     gain_spread = problem.spread[problem.space.actuators]
     stated = bool((gain_spread < TRUSTED).all())
     scale = common_scale(problem, exact, fit.theta, stated, robot.weightless, known)
-    found = [*found, *idle_values(problem, scale, known)]
+    found = [*found, *idle_values(problem, scale, _of_parameters(robot, known))]
     explains, sentence = verdict(joints, found, scale, robot.jointed)
     common = np.zeros(2 * fit.theta.shape) if scale.fixed else scale.weights
     parameters = parameters_in_words(problem, fit, exact, gain_spread, common)
+    found += added_mass(robot, parameters)
     checked = None
-    if others is not None and made.checked is not None:
-        checked = _curves(made.checked, fit.theta, others)
+    if validating is not None and made.checked is not None:
+        checked = _curves(made.checked, fit.theta, validating)
     return Identification(
         explains=explains,
         verdict=sentence,

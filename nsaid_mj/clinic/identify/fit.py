@@ -166,11 +166,18 @@ def cost_of(problem: FitProblem, parts: Sums) -> Quotient:
     means = parts.means
     space = problem.space
     inertia = problem.inertia
-    effort = efforts(means, space)
+    moving = means
+    if problem.steady is not None:
+        # a force that never changes is no measure: another constant one could cancel it at any size
+        moving = means.copy()
+        moving[:, problem.steady, problem.steady] = 0.0
+    effort = efforts(moving, space)
+    if effort is None and inertia is not None and means[:, space.actuators].any():
+        effort = np.zeros(means.shape[:2])
     if effort is None:
         raise NoEstimate("No command has an effect on the motion", "Check the columns of u.")
     if inertia is not None:
-        passive = ~means[:, space.actuators, space.actuators].any(axis=1)
+        passive = ~moving[:, space.actuators, space.actuators].any(axis=1)
         effort = effort[:, :, None] * np.eye(len(space))
         effort[passive] = inertia[passive, :, None] * inertia[passive, None]
     return Quotient(means, effort, parts.counts)

@@ -64,6 +64,11 @@ def parameters_in_words(
             status = "only in combination"
             words = f"{label} over the {others}"
         prior = float(problem.prior[index])
+        if problem.steady is not None and problem.steady[index]:
+            # the fitted value holds any other constant force too, so the sheet's remains possible
+            factor = float(np.exp(INTERVAL * problem.spread[index]))
+            low = min(low, prior / factor)
+            high = max(high, prior * factor)
         found.append(
             Parameter(name, label, block, unit, value, low, high, prior, status, words, relative)
         )
@@ -120,6 +125,12 @@ def _relative_gains(
         joint = problem.space.labels[index].partition(" of ")[2]
         if problem.known[index]:
             found[index] = ("known", "", None)
+            continue
+        if problem.steady is not None and problem.steady[index]:
+            acts = bool(problem.Y[:, :, index].any())
+            label = f"constant force of {joint} + any other constant force"
+            status: Status = "only in combination" if acts else "not excited"
+            found[index] = (status, label if acts else "", None)
             continue
         others = np.where(np.arange(len(at)) == number, 0.0, weight)
         weights = np.zeros(len(problem.space))

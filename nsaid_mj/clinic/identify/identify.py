@@ -135,6 +135,8 @@ def identify_forces(
     report("reading the model")
     robot = _robot(model, lock, joints)
     files, chosen = files_of(model, _listed(logs), mapping)
+    if chosen is not None and chosen.pd is not None:  # the servos' targets make torques
+        robot = replace(robot, findings=tuple(f for f in robot.findings if f.code != "servo"))
     report("reading the log")
     recordings = recordings_of(files, chosen, robot)
     other = chosen if validate_mapping is None else _read_map(validate_mapping)
@@ -164,6 +166,10 @@ def _fitted(
         without,
     )
 
+    if law != "batch" and robot.followers:
+        remedy = f"Leave --law out, or lock them: `--lock {','.join(robot.followers)}`."
+        expected = "batch, as joints follow others"
+        raise InvalidInput("--law", expected, law, remedy)
     found = calibrate(robot, recordings, validation, options, report)
     for _ in range(PASSES):
         foreign = foreign_phases(found)
@@ -194,6 +200,8 @@ def servos_of(
     loads: Sequence[Load] = (),
 ) -> ServoLogs | None:
     """An arm of position servos and its logs of targets; None of any other robot or logs."""
+    if mapping is not None and mapping.pd is not None:  # the servos' law is known, torques follow
+        return None
     if isinstance(model, str | Path):
         if mjcf_of(str(model)) is None:
             return None

@@ -10,7 +10,7 @@ from ...core import position_labels, velocity_labels
 from ...robots import RobotModel
 from ..logs import signals
 from ..logs.checks import checks
-from ..logs.layout import Layout, layout, with_angles
+from ..logs.layout import Layout, apart, layout, with_angles
 from ..logs.mapping import Map
 from ..logs.preparation import prepare
 from ..logs.recordings import Recordings
@@ -67,7 +67,7 @@ def inspect(
     recordings = None
     findings = tuple(f for table in tables for f in table.findings)
     if robot is not None:
-        tables = [with_angles(table, robot) for table in tables]
+        tables = [with_angles(table, robot) for table in apart(mapping, robot, tables)]
         try:
             given = _servo_findings(tables, mapping, robot)
             if given is not None:
@@ -99,7 +99,8 @@ def _servo_findings(
     tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel
 ) -> tuple[Finding, ...] | None:
     """Findings about position targets of a servo arm; None for other logs."""
-    if not any(finding.code == "servo" for finding in robot.findings):
+    under_pd = mapping is not None and mapping.pd is not None
+    if under_pd or not any(finding.code == "servo" for finding in robot.findings):
         return None
     from ..servos.identify import read_servos
 
@@ -146,7 +147,8 @@ def _roles(made: Layout, robot: RobotModel) -> dict[str, str]:
     """The role of each channel in use."""
     found: dict[str, str] = {}
     groups = made.positions, made.velocities, made.commands
-    for (word, names), group in zip(signal_names(robot).items(), groups, strict=True):
+    for (word, every), group in zip(signal_names(robot).items(), groups, strict=True):
+        names = [every[j] for j in robot.independent] if robot.coupling else every
         for (name, _), source in zip(names, group, strict=False):
             if source is not None:
                 found[source.column.column] = f"{word} of {name}"

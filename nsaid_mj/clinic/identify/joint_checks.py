@@ -131,8 +131,9 @@ def fit_checks(rows: JointRows, choice: Choice) -> list[Finding]:
     names = rows.robot.joints
     counts = rows.usable.sum(axis=0).tolist()
     needed = [int(_ROWS * (10 + len(columns))) for columns in choice.columns]
-    short = [j for j in range(len(names)) if counts[j] < needed[j]]
-    level = "warning" if len(short) < len(names) else "refusal"
+    own = rows.robot.independent
+    short = [j for j in own if counts[j] < needed[j]]
+    level = "warning" if len(short) < len(own) else "refusal"
     remedy = "Record a longer motion of this joint; until then its parameters are guesses."
     found = []
     for j in short:

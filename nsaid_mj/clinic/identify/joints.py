@@ -44,7 +44,7 @@ from .links import (
 )
 from .problem import FitProblem, Size, mean_squares
 from .rows import Rows, unrolled, with_columns
-from .smoothing import Filter, delayed, smooth, smooth_commands
+from .smoothing import Filter, delayed, fed_back, smooth, smooth_commands
 
 TRUSTED = 0.3  # standard deviation of log k below which commands state their forces
 FILE = 0.25
@@ -107,14 +107,23 @@ class JointRows(Rows):
         self.coupled = coupled
         self.gain, self.spread = gain, spread + np.zeros(len(gain))
         self.driven = recordings.driven(robot)
+        # joints that follow others have no rows, as theirs are part of their leaders'
+        self.following = [robot.joints.index(joint) for joint in robot.followers]
+        self.usable[:, self.following] = False
         self.system = unrolled(robot.system)
-        self._commands = [(s, smooth_commands(s, chosen)) for s in self.segments]
+        law = recordings.feedback
+        self._commands = [(s, smooth_commands(s, chosen, law)) for s in self.segments]
+        self._fed_back = 0.0
+        if law is not None:
+            self._fed_back = self.joined(lambda motion: fed_back(law, motion.q, motion.v))
         self._entries: dict[Key, Array] = {}
         self.diagonal = Diagonal(self._fastened)
         self.loading = file_links(robot.model)
         self.links = self._evaluated()
         self._moving = np.concatenate([m.q[m.usable.any(axis=1)] for m in self.motions])
-        self._weight = weight_columns(self.system, self._moving)
+        weight = weight_columns(self.system, self._moving)
+        every = weight.reshape(-1, self.system.n, self.system.p)
+        self._weight = self._led(every).reshape(weight.shape)
 
     def like(self, recordings: Recordings, chosen: Filter) -> JointRows:
         """Rows of other recordings or through other filters, with the same motors and loading."""
@@ -150,7 +159,7 @@ class JointRows(Rows):
         self._entries = dict(zip(keys, np.ascontiguousarray(found[:, n * end :].T), strict=True))
         shared = found[:, : n * end].reshape(-1, n, end)
         self.diagonal.update(zip(own, np.moveaxis(shared[:, :, links:], 2, 0).copy(), strict=True))
-        return np.ascontiguousarray(shared[:, :, :links])
+        return self._led(np.ascontiguousarray(shared[:, :, :links]))
 
     def _fastened(self, name: str) -> Array:
         """The entries of a column of `FASTENED`, at all of its speeds."""
@@ -160,6 +169,18 @@ class JointRows(Rows):
         system = with_columns(self.system, columns, [], end)
         found = np.moveaxis(self.regressor(system, lambda W: W[:, :, links:]), 2, 0).copy()
         return found.reshape(len(SPEEDS), -1, *found.shape[1:]) if name == "stribeck" else found
+
+    def _led(self, rows: Array) -> Array:
+        """Rows (N, n, p) Sᵀ of joints of which some follow others; 0 in the followers' places.
+
+        The forces of a coupling do no work along q = S y, so they are not in Sᵀ W θ = 0.
+        """
+        coupling = self.robot.coupling
+        if coupling is None:
+            return rows
+        found = np.zeros_like(rows)
+        found[:, list(coupling.leaders)] = np.einsum("jk,njp->nkp", coupling.ratio, rows)
+        return found
 
     def reweigh(self, links: Array) -> None:
         """Has load-dependent friction computed from the weight of links of parameters (10 b,)."""
@@ -172,7 +193,18 @@ class JointRows(Rows):
         Commands are reversed where the model file has a negative gear: gains are positive.
         """
         filtered = [self.chosen.rows(delayed(s, self.chosen, u, delay)) for s, u in self._commands]
-        return np.concatenate(filtered) * np.sign(self.robot.gain)
+        return (np.concatenate(filtered) - self._fed_back) * np.sign(self.robot.gain)
+
+    def growth(self, delay: Array) -> Array:
+        """(k,) size of the commands at delays (k,) [s] over that without a delay.
+
+        Errors relative to the commands are compared between delays by this factor. It is 1, except
+        under a PD law: a target that comes later differs more from the measured position.
+        """
+        if self.recordings.feedback is None:
+            return np.ones(len(delay))
+        late, own = (self.commands(d).std(axis=0) for d in (delay, np.zeros(len(delay))))
+        return np.divide(late, own, out=np.ones(len(delay)), where=own > 0)
 
     def column(self, name: str, joint: int, choice: Choice) -> Array:
         """(N,) a column of a joint."""
@@ -263,7 +295,9 @@ class JointRows(Rows):
         for parameter in space.names:
             if parameter.startswith("rotor"):
                 found[joint_of(parameter), space.index(parameter)] = 1.0
-        return found * np.sqrt(mean_squares(moving, self.usable))[:, None]
+        usable = self.usable.copy()
+        usable[:, self.following] = True  # they have no rows, but a size
+        return found * np.sqrt(mean_squares(moving, usable))[:, None]
 
     def _slides(self, joint: int) -> bool:
         return slides(self.robot.model.joints[joint + 1])
@@ -381,14 +415,18 @@ def nearest_friction(problem: FitProblem, theta: Array) -> tuple[Array, Array]:
     space = problem.space
     kinds = [COLUMNS[name].block for name in COLUMNS if name not in ("rotor", "spring", "offset")]
     used = [space[block.name] for block in space.blocks if block.name in kinds]
-    pairs = [COLUMNS[name].block for name in ("viscous", "coulomb")]
-    if not {block.name for block in space.blocks}.issuperset(pairs):
+    pairs = [COLUMNS[name] for name in ("viscous", "coulomb")]
+    if not {block.name for block in space.blocks}.issuperset(pair.block for pair in pairs):
         return np.zeros(0), np.zeros(0)
     found = []
     for j in range(problem.Y.shape[1]):
         rows = problem.Y[problem.usable[:, j], j]
+        own = [f"{pair.letter}_{j + 1}" for pair in pairs]
+        if not {*own} <= {*space.names}:  # a joint that follows another one
+            found.append(np.zeros(2))
+            continue
         whole = sum(rows[:, place] @ theta[place] for place in used)
-        basis = np.column_stack([rows[:, space[name].start + j] for name in pairs])
+        basis = np.column_stack([rows[:, space.index(name)] for name in own])
         found.append(scipy.optimize.nnls(basis, whole)[0] if len(rows) else np.zeros(2))
     viscous, coulomb = np.array(found).T
     return viscous, coulomb

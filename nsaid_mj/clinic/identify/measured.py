@@ -113,6 +113,10 @@ class LiveRobot(MeasuredRobot):
             UnknownName: there is no such robot or joint.
         """
         model = load_robot_model(self.robot, self.lock, self.joints or None)
+        if model.followers:  # laws that follow a motion know no coupled joints
+            moving = [joint for joint in self.joints if joint not in model.followers]
+            still = (*self.lock, *model.followers)
+            model = load_robot_model(self.robot, still, moving or None)
         if not model.jointed:
             assert model.prior is not None
             return RobotDescription(model.system, model.prior, model.visuals)

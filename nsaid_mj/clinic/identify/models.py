@@ -82,6 +82,7 @@ def load_robot_model(
         prior=drawn_inside(system.space, nominal, 0.0, np.random.default_rng(0)),
         visuals=plant,
         top_speed=_top_speed(config),
+        dry_mass=_dry_mass(config),
     )
 
 
@@ -91,6 +92,14 @@ def _top_speed(config: PlantConfig) -> float:
 
     sheet = config.sheet.of(config.vehicle) if isinstance(config, VehiclePlant) else None
     return getattr(getattr(sheet, "rotors", None), "top_speed", np.inf)
+
+
+def _dry_mass(config: PlantConfig) -> float | None:
+    """The mass of a vehicle whose sheet has added mass [kg]; None of another one."""
+    from ...lab import VehiclePlant
+
+    sheet = config.sheet.of(config.vehicle) if isinstance(config, VehiclePlant) else None
+    return float(sheet.mass) if getattr(sheet, "added_mass", None) is not None else None
 
 
 def command_names(system: SecondOrderSystem) -> tuple[str, ...]:

@@ -215,7 +215,7 @@ def _quality(result: Identification) -> Table:
     units = ", ".join(f"{unit}/s" for unit in dict.fromkeys(result.robot.units))
     heads += ["delay", f"friction speed [{units}]", "columns"]
     lines: list[list[Cell]] = []
-    kept = list(result.joints)
+    kept = [j for j in result.joints if j.name not in result.robot.followers]
     if len(kept) > _LINES:
         kept.sort(key=lambda j: -j.held_out if math.isfinite(j.held_out) else -math.inf)
     for j in kept:

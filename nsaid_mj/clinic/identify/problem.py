@@ -58,6 +58,8 @@ class FitProblem:
     # (n, p) m_i with m_iᵀθ the inertial force at a velocity's own rms acceleration; None unless
     # some joints are passive
     inertia: Array | None = None
+    # (p,) whether a parameter is that of an actuator whose command never changes; None if none is
+    steady: Mask | None = None
 
     def select(self, rows: Indices | Mask) -> FitProblem:
         """The problem of some of the rows (N,), as indices or a mask."""

@@ -138,9 +138,18 @@ def slope(t: Array, x: Array) -> Array:
     return np.asarray(scipy.interpolate.make_interp_spline(t, x, degree).derivative()(t))
 
 
-def smooth_commands(segment: LogSegment, chosen: Filter) -> BSpline:
-    """The cubic spline through a segment's commands (N, n_u) after the smoothing filter."""
-    u = chosen.low_pass(segment.log.u)
+def fed_back(feedback: Array | None, q: Array, v: Array) -> Array | float:
+    """(N, n) what a PD law takes from the commands at (N, n) q and v; see `Recordings.feedback`."""
+    return 0.0 if feedback is None else feedback[0] * q + feedback[1] * v
+
+
+def smooth_commands(segment: LogSegment, chosen: Filter, feedback: Array | None = None) -> BSpline:
+    """The cubic spline through a segment's commands (N, n_u) after the smoothing filter.
+
+    Of motors under a PD law it is the part of the targets alone, see `Recordings.feedback`.
+    """
+    log = segment.log
+    u = chosen.low_pass(log.u + fed_back(feedback, log.q, log.v))
     return scipy.interpolate.make_interp_spline(segment.log.t, u, min(3, len(u) - 1))
 
 

@@ -21,7 +21,9 @@ from ...lab import smoothed
 from ...robots import RobotModel
 from ..logs.recordings import LogSegment, Recordings
 from .choose.columns import further_columns, further_names
+from .choose.thruster_curve import ThrusterCurve
 from .choose.timing import Timing
+from .dry_mass import scale_deviation
 from .joints import FILE
 from .problem import FitProblem, Size, size_weights
 from .rows import Rows, with_columns
@@ -32,7 +34,12 @@ _SPREAD = 0.3  # prior spread of positive parameters
 
 
 class VehicleRows(Rows):
-    """Rows of a vehicle's segments, through the chosen filters, at any delay of the commands."""
+    """Rows of a vehicle's segments, through the chosen filters, at any delay of the commands.
+
+    Attributes:
+        steady: (p,) whether a parameter is that of actuators whose commands never change.
+        thrusters: columns of the thrusters whose commands change.
+    """
 
     def __init__(self, robot: RobotModel, recordings: Recordings, chosen: Filter):
         self.robot = robot
@@ -47,8 +54,14 @@ class VehicleRows(Rows):
         own = self.system.structure
         self._commanded = sorted({c.parameter for c in own.columns if c.input >= 0})
         acting = [c for c in own.columns if c.parameter in self._commanded]
-        only = replace(own, inertias=(), rotors=(), columns=acting)
-        self._acting = rebuilt(self.system, only, self.system.space)
+        self._only = replace(own, inertias=(), rotors=(), columns=acting)
+        self._driven = {ThrusterCurve(): rebuilt(self.system, self._only, self.system.space)}
+        ends = [(s.log.u.min(axis=0), s.log.u.max(axis=0)) for s in recordings.segments]
+        low, high = (np.array(x) for x in zip(*ends, strict=True))
+        moving = np.flatnonzero(high.max(axis=0) > low.min(axis=0))
+        moved = {c.parameter for c in acting if c.input in moving}
+        self.thrusters = [c for c in acting if c.kind == "thruster" and c.input in moving]
+        self.steady = np.array([p in self._commanded and p not in moved for p in range(own.p)])
         self._without_commands: dict[frozenset[str], Array] = {}
 
     def delays(self, timing: Timing) -> Array:
@@ -70,6 +83,23 @@ class VehicleRows(Rows):
         found = u.copy()
         found[:, self.rotors] = timing.speeds(u[:, self.rotors], rate)
         found[:, self.others] = timing._replace(mix=1.0).speeds(u[:, self.others], rate)
+        return found
+
+    def _acting(self, curve: ThrusterCurve) -> SecondOrderSystem:
+        """The actuators alone, with a curve of the thrusters."""
+        if curve not in self._driven:
+            columns = [curve.column(c) if c.kind == "thruster" else c for c in self._only.columns]
+            only = replace(self._only, columns=columns)
+            self._driven = {curve: rebuilt(self.system, only, self.system.space)}
+        return self._driven[curve]
+
+    def acting_on_sheet(self, u: Array, rate: float, timing: Timing) -> Array:
+        """As `acting`, for a system whose thrusters have the sheet's curve."""
+        found = self.acting(u, rate, timing)
+        if timing.curve != ThrusterCurve():
+            for column in self.thrusters:
+                own = np.asarray(column.constants["curve"])
+                found[:, column.input] = timing.curve.as_sheets(found[:, column.input], own)
         return found
 
     def flow(self, theta: Array, timing: Timing) -> Array:
@@ -120,19 +150,21 @@ class VehicleRows(Rows):
         system = self.system
         rows = self._fixed(columns).copy()
         at = self._commanded
-        rows[:, :, at] = self.regressor(self._acting, lambda W: W[:, :, at], self._held(timing))
+        acting = self._acting(timing.curve)
+        rows[:, :, at] = self.regressor(acting, lambda W: W[:, :, at], self._held(timing))
         more = [self._extra(name, rows) for name in sorted(columns)]
         space = ParameterSpace((*system.space.blocks, *more))
         none = np.zeros(len(space), dtype=bool)
+        steady = np.append(self.steady, none[len(self.steady) :])
         prior = np.append(self._prior, np.zeros(len(space) - len(self._prior)))
         spread = np.where(space.geometries == "positive", _SPREAD, space.scale)
         weights = _size(space, rows[self.usable], prior)
-        size = Size(weights[None], np.zeros(len(space), dtype=np.intp), FILE, none)
+        deviation = scale_deviation(self.robot) if self.robot.weighed else FILE
+        size = Size(weights[None], np.zeros(len(space), dtype=np.intp), deviation, none)
         # relative to its own drag, noise of a velocity without an actuator would pass for drag
         inertia = np.tile(weights, (rows.shape[1], 1))
-        return FitProblem(
-            space, rows, self.usable, self.t, self.segment, prior, spread, none, size, inertia
-        )
+        of_rows = (self.usable, self.t, self.segment)
+        return FitProblem(space, rows, *of_rows, prior, spread, none, size, inertia, steady)
 
     def _extra(self, name: str, rows: Array) -> Block:
         """A block of one further parameter per velocity."""

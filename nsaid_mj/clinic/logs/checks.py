@@ -47,6 +47,8 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     found = _dead("command", commands, 0.0, robot, remedy)
     found = [finding for finding in found if finding.where not in robot.passive]
     found += _dead_in_files(recordings, robot, {finding.where for finding in found})
+    if not robot.jointed and len(found) < len(robot.joints):  # other actuators tell of its motion
+        found = _constant(commands, robot)
     usable = np.concatenate([segment.usable for segment in recordings.segments])
     seconds = float(np.sum(usable.any(axis=1)) / recordings.rate)
     if seconds < SHORT:
@@ -127,6 +129,30 @@ def _dead_in_files(
             remedy = "Leave this file out, or map the column that holds the command in it."
             data = {"joint": name}
             found.append(Finding("refusal", "dead_channel", file, text, remedy, data))
+    return found
+
+
+def _constant(u: Array, robot: RobotModel) -> list[Finding]:
+    """Notes of the commands u (N, k) of a vehicle that never change: constant forces, or none."""
+    found = []
+    for name, column in zip(robot.joints, u.T, strict=True):
+        if np.ptp(column) > 0:
+            continue
+        value = number(column[0])
+        data = {"value": float(column[0])}
+        if column[0] == 0:
+            text = (
+                "the command is 0 in all rows: its gain is not in this log and remains the sheet's"
+            )
+            remedy = "If it did act, map the column of its command."
+            found.append(Finding("note", "zero_command", name, text, remedy, data))
+        else:
+            text = (
+                f"the command is {value} in all rows: its force is a constant, and its gain cannot "
+            )
+            text += "be told from another constant force"
+            remedy = "Let it change in another log to identify its gain."
+            found.append(Finding("note", "constant_command", name, text, remedy, data))
     return found
 
 

@@ -9,7 +9,7 @@ from ...core import Array
 from ...robots import RobotModel
 from .evidence import limits
 from .mapping import FACTORS, Quantity, of_name
-from .matching import candidates, match_targets, words
+from .matching import candidates, match_targets, named, set_points, words
 from .tables import LogTable, channel_names, values_of
 
 _WHOLE = 100.5  # of a range from −100 to 100, with rounding; larger values are degrees
@@ -37,6 +37,14 @@ _COUPLING = """
 # torque = {rows}
 """
 
+_PD = """
+# The log has position targets and the model has motors. Complete the PD law by which your
+# controller makes torques of them: kp (target - q) + kd (target_velocity - dq) + feedforward.
+[pd]
+# kp = 20   # [N·m/rad or N/m]; one number, a list in the order of the joints, or { joint = … }
+# kd = 1.5  # [N·m·s/rad or N·s/m]
+"""
+
 _AXES = """\
 # order = "xyzw"  # or wxyz, of the quaternion
 # twist = "body"  # or world, the axes of `linear`
@@ -52,7 +60,13 @@ _IN_SPACE = {
         "qx qy qz qw",
     ),
     "linear": ("linearx lineary linearz", "velx vely velz", "vx vy vz"),
-    "angular": ("angularx angulary angularz", "gyrx gyry gyrz", "wx wy wz", "p q r"),
+    "angular": (
+        "angularx angulary angularz",
+        "angularvelocityx angularvelocityy angularvelocityz",
+        "gyrx gyry gyrz",
+        "wx wy wz",
+        "p q r",
+    ),
 }
 _IN_PLANE = {
     "position": ("x y psi", "x y heading", "x y theta", "x y yaw"),
@@ -91,16 +105,26 @@ def first_map(tables: Sequence[LogTable], robot: RobotModel) -> str:
     if not robot.jointed:
         parts.append(_vehicle(tables, robot))
     else:
-        found = candidates(names, robot.joints, robot.passive)
-        targets = match_targets(names, robot.joints)
+        own = [joint for joint in named(robot) if joint in robot.leaders]
+        found = candidates(names, own, robot.passive)
+        targets = match_targets(names, own)
         goals = set(targets.values())
         measured = [g for g in found["position"].values() if goals.isdisjoint(g.values())]
         if targets and len(measured) == 1 and any(f.code == "servo" for f in robot.findings):
             parts += _servos(tables, robot, measured[0], targets)
         else:
-            rows = np.eye(len(robot.joints), dtype=int).tolist()
-            parts.append(_COUPLING.format(rows=rows))
-            parts += [_joint(joint, found) for joint in robot.joints]
+            rows = np.eye(len(own), dtype=int).tolist()
+            under_pd = bool(targets) and len(measured) == 1 and not found["command"]
+            if under_pd:
+                found["command"] = {"targets": targets}
+            parts.append(_PD if under_pd else _COUPLING.format(rows=rows))
+            more = None
+            if under_pd:
+                more = {
+                    "target_velocity": set_points("velocity", names, own),
+                    "feedforward": set_points("command", names, own),
+                }
+            parts += [_joint(joint, found, more) for joint in own]
     return "".join(parts)
 
 
@@ -148,20 +172,29 @@ def _is_gripper(joint: str) -> bool:
     return bool({"gripper", "jaw"} & set(words(joint)))
 
 
-def _joint(joint: str, found: dict[Quantity, dict[str, dict[str, str]]]) -> str:
+def _joint(
+    joint: str,
+    found: dict[Quantity, dict[str, dict[str, str]]],
+    under_pd: dict[str, dict[str, str]] | None = None,
+) -> str:
+    """A joint's entry; `under_pd` are the further columns of a PD law by key and joint, if any."""
     lines = [f"\n[joints.{_key(joint)}]\n"]
     for quantity, groups in found.items():
         choices = [by_joint[joint] for by_joint in groups.values() if joint in by_joint]
-        lines += [_entry(quantity, name, len(choices) > 1) for name in choices]
+        unit_of: Quantity = "position" if under_pd and quantity == "command" else quantity
+        lines += [_entry(quantity, name, len(choices) > 1, unit_of) for name in choices]
         if not choices:
             lines.append(f'# {quantity} = {{ column = "…" }}\n')
+    for key, columns in (under_pd or {}).items():
+        known = joint in columns
+        lines.append(_line(key, columns[joint]) if known else f'# {key} = {{ column = "…" }}\n')
     lines.append("# rest = 0.05\n")
     return "".join(lines)
 
 
-def _entry(quantity: Quantity, name: str, several: bool) -> str:
-    """A line for one column; commented out if there are several candidates."""
-    stated = of_name(name, FACTORS[quantity])[1]
+def _entry(quantity: Quantity, name: str, several: bool, unit_of: Quantity) -> str:
+    """A line for one column with a unit of some quantity; commented out if it is one of several."""
+    stated = of_name(name, FACTORS[unit_of])[1]
     unit, remark = (f'unit = "{stated}"', "") if stated else ("", "state its unit")
     return _line(quantity, name, unit, remark, several=several)
 

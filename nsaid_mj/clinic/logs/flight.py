@@ -1,8 +1,10 @@
-"""A map of a multicopter's log from the standard topics of flight controllers, PX4 and ArduPilot.
+"""A map of a vehicle's log from the standard topics of flight controllers, PX4 and ArduPilot.
 
-Both number the motors of a quadrotor "X" alike: 1 front right, 2 rear left, 3 front left, 4 rear
-right. Sources: PX4's message definitions, https://docs.px4.io/main/en/msg_docs/, and ArduPilot's
-log messages, https://ardupilot.org/copter/docs/logmessages.html.
+Multicopters: both number the motors of a quadrotor "X" alike: 1 front right, 2 rear left, 3 front
+left, 4 rear right. Sources: PX4's message definitions, https://docs.px4.io/main/en/msg_docs/, and
+ArduPilot's log messages, https://ardupilot.org/copter/docs/logmessages.html. Underwater vehicles:
+ArduSub's frames state for every motor which way it pushes and turns the vehicle (AP_Motors6DOF.cpp
+of libraries/AP_Motors); the sheet's thrusters are those that do.
 """
 
 from collections.abc import Collection, Sequence
@@ -80,6 +82,8 @@ def flight_map(robot: RobotModel, tables: Sequence[LogTable]) -> tuple[Map, str]
     """
     order = _order(robot) if robot.system.m == 7 else None
     names = set(channel_names(tables))
+    if order is None and robot.system.m == 7:
+        return _ardusub(robot, tables, names)
     for controller in _CONTROLLERS if order is not None else ():
         for pattern, first, ratio, offset in controller.motors:
             motors = [pattern.format(first + i) for i in order or ()]
@@ -105,6 +109,93 @@ def flight_map(robot: RobotModel, tables: Sequence[LogTable]) -> tuple[Map, str]
             mapping = Map(vehicle=controller.vehicle, actuators=actuators)
             return mapping, f"{text}, as in a quadrotor X{remark}"
     return None
+
+
+_SUB_FRAMES: dict[str, tuple[tuple[int, ...], ...]] = {
+    "vectored": (
+        (0, 0, 1, 0, -1, 1),
+        (0, 0, -1, 0, -1, -1),
+        (0, 0, -1, 0, 1, 1),
+        (0, 0, 1, 0, 1, -1),
+        (1, 0, 0, -1, 0, 0),
+        (-1, 0, 0, -1, 0, 0),
+    ),
+    "vectored 6DOF": (
+        (0, 0, 1, 0, -1, 1),
+        (0, 0, -1, 0, -1, -1),
+        (0, 0, -1, 0, 1, 1),
+        (0, 0, 1, 0, 1, -1),
+        (1, -1, 0, -1, 0, 0),
+        (-1, -1, 0, -1, 0, 0),
+        (1, 1, 0, -1, 0, 0),
+        (-1, 1, 0, -1, 0, 0),
+    ),
+}
+"""Signs of each motor's roll, pitch (nose up), yaw (clockwise), throttle (up), forward, lateral
+(right) in ArduSub's frames."""
+
+_NEUTRAL = 1500.0  # pulse of a thruster at rest, and its largest change [µs]
+_FULL = 400.0
+_LEVER = 1e-3  # of the largest: a smaller push or turn counts as none
+
+
+def _ardusub(
+    robot: RobotModel, tables: Sequence[LogTable], names: Collection[str]
+) -> tuple[Map, str] | None:
+    """The map of an ArduSub's log; None if topics are missing, or thrusters fit none of its frames.
+
+    A command is −1 to 1 for 1100 to 1900 µs; the direction that the sheet calls positive may be the
+    frame's negative one, and `MOT_n_DIRECTION` may reverse a motor.
+    """
+    vehicle = _CONTROLLERS[1].vehicle
+    for frame, motors in _SUB_FRAMES.items():
+        found = _thrusters(robot, motors)
+        channels = [f"RCOU/C{motor + 1}" for motor, _ in found]
+        if len(found) != len(robot.joints) or not {*vehicle.columns, *channels} <= {*names}:
+            continue
+        columns = []
+        reversed_ones = []
+        for (motor, side), channel in zip(found, channels, strict=True):
+            stated = values_of(f"PARM/MOT_{motor + 1}_DIRECTION", tables)
+            sign = side * (-1 if len(stated) and stated[-1] < 0 else 1)
+            reversed_ones += [motor + 1] if sign != side else []
+            share = 1 / _FULL
+            columns.append(
+                ColumnMap(column=channel, sign=sign, ratio=share, offset=-sign * share * _NEUTRAL)
+            )
+        known = any(name.startswith("PARM/MOT_") for name in names)
+        remark = "MOT_n_DIRECTION of the log is used" if known else "MOT_n_DIRECTION is taken as 1"
+        remark += f" (motors {reversed_ones} reversed)" if reversed_ones else ""
+        pairs = [f"{c} is {joint}" for c, joint in zip(channels, robot.joints, strict=True)]
+        text = f"the standard topics of ArduSub are used: {', '.join(pairs)}, as in the frame "
+        text += f'"{frame}"; 1100 to 1900 µs are −1 to 1; {remark}'
+        return Map(vehicle=vehicle, actuators=dict(zip(robot.joints, columns, strict=True))), text
+    return None
+
+
+def _thrusters(robot: RobotModel, motors: tuple[tuple[int, ...], ...]) -> list[tuple[int, int]]:
+    """For each of a vehicle's thrusters the number of its motor in a frame, and ±1 for its side.
+
+    Empty if they do not correspond one to one.
+    """
+    columns = [c for c in robot.system.structure.columns if c.kind == "thruster"]
+    by_input = {c.input: c for c in columns}
+    if sorted(by_input) != list(range(len(motors))) or len(motors) != len(robot.joints):
+        return []
+    found = []
+    for k in range(len(motors)):
+        point, force = (np.asarray(by_input[k].constants[key]) for key in ("point", "direction"))
+        turn = np.cross(point, force) * [1, -1, -1]  # axes forward, right, down
+        push = np.array([force[2], force[0], -force[1]])
+        turn = np.where(np.abs(turn) > _LEVER * np.abs(turn).max(initial=0.0), np.sign(turn), 0)
+        push = np.where(np.abs(push) > _LEVER * np.abs(push).max(), np.sign(push), 0)
+        for motor, factors in enumerate(motors):
+            own = np.array(factors)
+            for side in (1, -1):
+                named = own[:3] != 0  # a frame names no turn that another motor's push undoes
+                if (side * own[3:] == push).all() and (side * own[:3] == turn)[named].all():
+                    found.append((motor, side))
+    return found if len({motor for motor, _ in found}) == len(motors) == len(found) else []
 
 
 def _speeds(

@@ -13,8 +13,9 @@ from ...core import Array, continuous_signs
 from ...robots import RobotModel
 from . import matching
 from .flight import flight_map
-from .mapping import ColumnMap, Joint, Map, Quantity, Vehicle, matrix, si
-from .tables import Channel, LogTable, channel_names
+from .mapping import ChannelSource, ColumnMap, Joint, Map, Quantity, Vehicle, matrix, si
+from .pd_law import PdLaw, known_gains
+from .tables import Channel, LogTable, channel_names, told_apart
 from .unusable import UnmatchedChannels
 
 NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -22,15 +23,6 @@ NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 FRD = np.diag([1.0, -1.0, -1.0])
 """(3, 3) from forward-right-down to forward-left-up."""
-
-
-class ChannelSource(NamedTuple):
-    """A channel and its conversion to SI: `factor · value`."""
-
-    quantity: Quantity  # the measured quantity
-    column: ColumnMap  # its entry in the map
-    factor: float  # to SI; `Layout` adds the offset
-    angle: bool = False  # whether its values may jump by whole turns
 
 
 class Layout(NamedTuple):
@@ -45,16 +37,26 @@ class Layout(NamedTuple):
     torque: Array | None = None  # (n_u, n_u) joint commands per motor command; None for a vehicle
     vehicle: Vehicle | None = None  # form of pose and twist; None for joints or own coordinates
     assumed: str = ""  # assumptions, in words; "" if the map or the names are complete
+    pd: PdLaw | None = None  # law that makes torques of the commands, then targets; None for forces
+    # robot whose joints without a source follow those that have one; None if all have one
+    led: RobotModel | None = None
 
     @property
     def sources(self) -> tuple[ChannelSource, ...]:
         """All sources: positions, velocities, commands."""
-        return (*self.positions, *filter(None, (*self.velocities, *self.commands)))
+        more = self.pd.sources if self.pd else ()
+        return (*self.positions, *filter(None, (*self.velocities, *self.commands)), *more)
 
     @property
     def command_units(self) -> tuple[str, ...]:
         """SI unit of each command; "" where the map states none."""
-        return tuple(si(s.column.unit_as("command")) if s else "" for s in self.commands)
+        own = [si(s.column.unit_as("command")) if s else "" for s in self.commands]
+        if self.pd is not None:
+            own = ["N·m" if source.angle else "N" for source in self.positions]
+        if self.led is None:
+            return tuple(own)
+        units = dict(zip(self.led.leaders, own, strict=True))
+        return tuple(units.get(joint, "") for joint in self.led.joints)
 
     def q(self, raw: Array) -> Array:
         """Positions (N, n) of joints, or (N, m) of a vehicle, from scaled sources (N, k).
@@ -63,14 +65,29 @@ class Layout(NamedTuple):
         """
         offsets = np.array([s.column.zero for s in self.positions])
         if self.vehicle is None:
-            return _mixed(raw, self.coupling) + offsets
+            return _mixed(raw, self.coupling) + self._on_all(offsets, zero=True)
         return _pose(self.vehicle, raw + offsets)
+
+    def _on_all(self, own: Array, zero: bool = False) -> Array:
+        """(n,) values of all joints, of (k,) those with a source; with `zero` positions."""
+        coupling = self.led.coupling if self.led else None
+        if coupling is None:
+            return own
+        return coupling.ratio @ own + zero * coupling.offset
+
+    def on_leaders(self, own: Array) -> Array:
+        """(…, n_u) commands of all joints, of those (…, k) of joints with a source; 0 of others."""
+        if self.led is None:
+            return own
+        found = np.zeros((*own.shape[:-1], len(self.led.joints)))
+        found[..., list(self.led.independent)] = own
+        return found
 
     def v(self, raw: Array, q: Array) -> Array:
         """Velocities (N, n) from scaled sources (N, n), at positions q of `self.q`."""
         offsets = np.array([s.column.offset if s else 0.0 for s in self.velocities])
         if self.vehicle is None:
-            return _mixed(raw, self.coupling) + offsets
+            return _mixed(raw, self.coupling) + self._on_all(offsets)
         return _twist(self.vehicle, raw + offsets, q)
 
     def placed(self, q: Array, v: Array, rate: float) -> Array:
@@ -99,7 +116,7 @@ class Layout(NamedTuple):
     def u(self, raw: Array) -> Array:
         """Commands (N, n_u) from scaled sources (N, n_u)."""
         offsets = np.array([s.column.offset if s else 0.0 for s in self.commands])
-        return _mixed(raw, self.torque) + offsets
+        return self.on_leaders(_mixed(raw, self.torque) + offsets)
 
 
 def _mixed(raw: Array, matrix: Array | None) -> Array:
@@ -122,21 +139,29 @@ def layout(
     if not robot.jointed:
         return _of_vehicle(mapping, robot, tables, channels)
     if not mapping.joints:
-        matched = matching.match(channels, robot.joints, robot.passive)
+        under_pd = mapping.pd is not None
+        named = [name for name in matching.named(robot) if name in robot.leaders]
+        matched = matching.match(channels, named, robot.passive, under_pd)
         mapping = replace(mapping, joints=matched.joints)
-    remedy = f"The robot's actuated joints are {', '.join(robot.joints)}."
-    for joint in set(mapping.joints) ^ set(robot.joints):
+    remedy = f"The robot's actuated joints are {', '.join(robot.leaders)}."
+    for joint in set(mapping.joints) ^ set(robot.leaders):
         stated = "a joint that the robot lacks" if joint in mapping.joints else "no entry"
+        stated = "a joint that follows another one" if joint in robot.followers else stated
         expected = "one entry for each actuated joint"
         raise InvalidInput(f"map: joints.{joint}", expected, stated, remedy)
-    joints = _ordered(mapping, robot.joints)
-    for name, joint in zip(robot.joints, joints, strict=True):
+    joints = _ordered(mapping, robot.leaders)
+    for name, joint in zip(robot.leaders, joints, strict=True):
         if joint.command is None and name not in robot.passive:
             expected = "a column, as the joint has a motor in the model file"
             raise InvalidInput(f"map: joints.{name}.command", expected, "none", remedy)
+        if joint.command and joint.command.is_position and not targets and mapping.pd is None:
+            expected = "a force or current, as the joint has a motor in the model file"
+            raise InvalidInput(f"map: joints.{name}.command", expected, "a target", matching.ADD_PD)
     n = len(joints)
-    own = list(zip(robot.joints, joints, strict=True))
+    own = list(zip(robot.leaders, joints, strict=True))
     factors = mapping.factors
+    pd = None if mapping.pd is None or targets else _pd_law(mapping, robot, joints)
+    targets = targets or pd is not None
     made = Layout(
         tuple(
             _source(
@@ -166,8 +191,72 @@ def layout(
         ),
         np.linalg.inv(matrix("position", mapping.coupling.position, n)),
         matrix("torque", mapping.coupling.torque, n),
+        pd=pd,
+        led=robot if robot.coupling else None,
     )
+    if robot.coupling is not None:
+        made = made._replace(coupling=robot.coupling.ratio @ made.coupling)
     return _existing(made, channels)
+
+
+def _pd_law(mapping: Map, robot: RobotModel, joints: Sequence[Joint]) -> PdLaw:
+    """The law of a map's [pd], with the channels of its joints."""
+    assert mapping.pd is not None
+    if mapping.coupling.position or mapping.coupling.torque:
+        remedy = "Give targets and gains of the joints, or the motors' torques without [pd]."
+        raise InvalidInput("map", "[pd] or [coupling]", "both", remedy)
+    rates = [joint.target_velocity for joint in joints]
+    forward = [joint.feedforward for joint in joints]
+    kp, kd = known_gains(mapping.pd, robot)
+    gain = robot.gain[list(robot.independent)]
+    return PdLaw(
+        kp / gain,
+        kd / gain,
+        tuple(_source("velocity", column) if column else None for column in rates),
+        tuple(_source("command", column) if column else None for column in forward),
+        gain,
+    )
+
+
+_PART = frozenset({"joint", "motor", "axis", "actuator", "servo", "drive", "j", "m"})
+
+
+def apart(mapping: Map | None, robot: RobotModel, tables: Sequence[LogTable]) -> list[LogTable]:
+    """The tables, with `FILE/COLUMN` for columns of equal names in several files where needed.
+
+    It is if the map has such names, or if only such names tell the joints apart: files that are
+    called after the joints (`elbow.csv`, `motor_2.csv`).
+    """
+    named = told_apart(tables)
+    added = set(channel_names(named)) - set(channel_names(tables))
+    if not added:
+        return list(tables)
+    if mapping is not None and (mapping.joints or mapping.vehicle):
+        used = {column.column for joint in mapping.joints.values() for column in _columns(joint)}
+        used |= {column.column for column in mapping.actuators.values()}
+        used |= {*(mapping.vehicle.columns if mapping.vehicle else ())}
+        return named if used & added else list(tables)
+    if not robot.jointed or not all(_of_a_joint(table.source, robot) for table in tables):
+        return list(tables)
+    try:
+        layout(mapping, robot, tables)
+    except UnmatchedChannels:
+        return named
+    return list(tables)
+
+
+def _columns(joint: Joint) -> list[ColumnMap]:
+    """The columns of a joint's entry in a map."""
+    parts = (joint.position, joint.velocity, joint.command, joint.target_velocity)
+    return [part for part in (*parts, joint.feedforward) if part is not None]
+
+
+def _of_a_joint(source: str, robot: RobotModel) -> bool:
+    """Whether a file is called after a joint, or a number of one."""
+    own = matching.words(source.partition(".")[0])
+    each = [matching.words(joint) for joint in matching.named(robot)]
+    named = any(own[k : k + len(j)] == j for j in each for k in range(len(own)))
+    return named or (bool(_PART & set(own)) and any(word.isdigit() for word in own))
 
 
 def with_angles(table: LogTable, robot: RobotModel) -> LogTable:

@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import field
 from math import pi
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal, NamedTuple, cast
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, ValidationError
@@ -259,6 +259,31 @@ class Joint:
     rest: NonNegative = 0.0
     # of the target of a position servo; None for that of all, or of the model file
     profile: Profile | None = None
+    # with a PD law, whose target is `command`: its target velocity and its feed-forward torque
+    target_velocity: ColumnMap | None = None
+    feedforward: ColumnMap | None = None
+
+
+class ChannelSource(NamedTuple):
+    """A channel and its conversion to SI: `factor · value`."""
+
+    quantity: Quantity  # the measured quantity
+    column: ColumnMap  # its entry in the map
+    factor: float  # to SI; `Layout` adds the offset
+    angle: bool = False  # whether its values may jump by whole turns
+
+
+Gains = NonNegative | tuple[NonNegative, ...] | dict[str, NonNegative]
+"""One number for all joints, one for each in the robot's order, or by joint."""
+
+
+@config
+class Pd:
+    """A PD law of known gains, by which targets become the motors' torques; see `logs.pd_law`."""
+
+    kp: Gains | None = None  # stiffness [N·m/rad or N/m]; None for that of the file's servos
+    # damping [N·m·s/rad or N·s/m]; None for that of the file's servos, with `kp` for none
+    kd: Gains | None = None
 
 
 @config
@@ -411,6 +436,8 @@ class Map:
     phases: Phases = field(default_factory=Phases)  # parts of the log that are left out
     # profile of all joints' targets; None for that of the model file
     profile: Profile | None = None
+    # law of motors whose commands are position targets; None if the commands are forces
+    pd: Pd | None = None
 
 
 _ADAPTER = TypeAdapter(Map)

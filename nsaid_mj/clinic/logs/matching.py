@@ -9,6 +9,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 
+from ...robots import RobotModel
 from .mapping import FACTORS, ColumnMap, Joint, Map, Quantity, of_name
 from .unusable import UnmatchedChannels
 
@@ -28,20 +29,70 @@ WORDS: dict[Quantity, frozenset[str]] = {
 }
 _OTHER = _set("acceleration acc accel ddq qdd error err temperature temp status mode limit")
 _WANTED = _set("target desired des cmd command commanded ref reference setpoint goal sp")
+_FORWARD = _set("ff feedforward forward")
 _TARGET = _WANTED | {"action"}
 _MEASURED = _set("actual measured meas act fb feedback present real state")
 _NAMES = {"position": "position", "velocity": "velocity", "command": "torque or current"}
 
 
-def match(channels: Sequence[str], joints: Sequence[str], passive: Sequence[str] = ()) -> Map:
+class JointName(str):
+    """A joint's name, by which it is known everywhere, with others that a log may have for it."""
+
+    others: tuple[tuple[str, ...], ...] = ()  # words of each
+
+
+def named(robot: RobotModel) -> tuple[JointName, ...]:
+    """A robot's joints, with the names of their actuators, and without the words that all share.
+
+    A column `q_FL_hip` belongs to `FL_hip_joint` if that joint's motor is called `FL_hip`, or if
+    the names of all joints end in `joint`. A name that two joints could have counts for none.
+    """
+    own = [words(joint) for joint in robot.joints]
+    shared = set.intersection(*map(set, own)) if len(own) > 1 else set()
+    short = [tuple(word for word in each if word not in shared) for each in own]
+    motors = [tuple(words(motor)) for motor in robot.motors or robot.joints]
+    taken = [tuple(each) for each in own]
+    quantities = frozenset().union(*WORDS.values(), _OTHER, _TARGET, _MEASURED)
+    found = []
+    for k, joint in enumerate(robot.joints):
+        name = JointName(joint)
+        name.others = tuple(
+            other
+            for other in dict.fromkeys((motors[k], short[k]))
+            if other not in taken
+            and (motors + short).count(other) <= (motors[k] == other) + (short[k] == other)
+            and any(word.isalpha() and word not in quantities for word in other)
+        )
+        found.append(name)
+    return tuple(found)
+
+
+ADD_PD = (
+    "If a controller makes the motors' torques by a PD law of known gains, add to map.toml the "
+    "lines `[pd]`, `kp = 20`, `kd = 1.5` with its numbers [N·m/rad, N·m·s/rad; one, a list, or a "
+    "table by joint]. To have kp identified, give an MJCF with position servos (`<position>`)."
+)
+
+
+def match(
+    channels: Sequence[str],
+    joints: Sequence[str],
+    passive: Sequence[str] = (),
+    under_pd: bool = False,
+) -> Map:
     """The map of channels whose names give joint and quantity, for the robot's moving joints.
 
-    The `passive` ones among them need no command.
+    The `passive` ones among them need no command. With `under_pd` commands are position targets,
+    with target velocities and feed-forward torques where the log has them.
 
     Raises:
         UnmatchedChannels: a joint has no position or command, or there are several candidates.
     """
     groups = candidates(channels, joints, passive)
+    driven = [joint for joint in joints if joint not in passive]
+    targets = match_targets(channels, driven)
+    if under_pd:
+        groups["command"] = {"targets": targets} if targets else {}
     chosen: dict[Quantity, dict[str, str]] = {}
     missing = []
     reasons = []
@@ -56,14 +107,47 @@ def match(channels: Sequence[str], joints: Sequence[str], passive: Sequence[str]
             idle = passive if quantity == "command" else ()
             own = [joint for joint in joints if joint not in idle]
             reasons.append(_lacking(quantity, channels, own))
+            if quantity == "command" and targets and not under_pd:
+                first = next(iter(targets.values()))
+                reasons.append(f"There are position targets ({first} …). {ADD_PD}")
     if missing:
         raise UnmatchedChannels(missing, [*reasons, *_fewer(channels, joints)], channels)
     positions, velocities, commands = (
         {joint: ColumnMap(column=channel) for joint, channel in chosen.get(quantity, {}).items()}
         for quantity in WORDS
     )
-    each = {j: Joint(positions[j], commands.get(j), velocities.get(j)) for j in joints}
+    rates: dict[str, str] = {}
+    forward: dict[str, str] = {}
+    if under_pd:
+        rates = set_points("velocity", channels, driven)
+        forward = set_points("command", channels, driven)
+    each = {
+        j: Joint(
+            positions[j],
+            commands.get(j),
+            velocities.get(j),
+            target_velocity=ColumnMap(column=rates[j]) if j in rates else None,
+            feedforward=ColumnMap(column=forward[j]) if j in forward else None,
+        )
+        for j in joints
+    }
     return Map(joints=each)
+
+
+def set_points(
+    quantity: Quantity, channels: Iterable[str], joints: Sequence[str]
+) -> dict[str, str]:
+    """The channels of set-points by joint, such as target velocities and feed-forward torques.
+
+    Empty unless one group has all joints.
+    """
+    groups = [
+        by_joint
+        for (kind, group, rank), members in _members(channels, joints).items()
+        if kind == quantity and (rank == 2 or _FORWARD & set(group.split()))
+        if (by_joint := _by_joint(members, joints))
+    ]
+    return groups[0] if len(groups) == 1 else {}
 
 
 def match_targets(channels: Iterable[str], joints: Sequence[str]) -> dict[str, str]:
@@ -223,8 +307,9 @@ def _joint_of(found: list[str], joints: Sequence[str]) -> tuple[str, list[str]]:
     """
     best = ""
     where = (0, 0)
-    for joint in joints:
-        own = words(joint)
+    spelt = [(joint, words(joint)) for joint in joints]
+    spelt += [(j, list(other)) for j in joints for other in getattr(j, "others", ())]
+    for joint, own in spelt:
         for start in range(len(found) - len(own) + 1):
             if found[start : start + len(own)] == own and len(own) > where[1] - where[0]:
                 best = joint

@@ -22,8 +22,9 @@ from .cleaning import (
     rows_of,
     short_stated,
 )
-from .layout import ChannelSource, Layout, layout, pose_velocity, with_angles
+from .layout import ChannelSource, Layout, apart, layout, pose_velocity, with_angles
 from .mapping import Map
+from .pd_law import held_mean
 from .phases import Phase, events_of, phases, phases_stated
 from .recordings import LogSegment, Recordings
 from .tables import LogTable, join, values_of
@@ -64,12 +65,14 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
         UnusableLog: no stretch of the logs has all signals for at least half a second.
     """
     mapping = mapping or Map()
-    tables = [with_angles(table, robot) for table in tables]
+    tables = [with_angles(table, robot) for table in apart(mapping, robot, tables)]
     made = layout(mapping, robot, tables)
     findings = [finding for table in tables for finding in table.findings]
     if made.assumed:
         remedy = "If that is wrong, give a map.toml; docs/map.md shows one."
         findings.append(Finding("note", "standard_map", "", made.assumed, remedy))
+    if made.pd is not None:
+        findings.append(made.pd.stated(robot.leaders))
     recordings, said = join(tables, mapping, [s.column.column for s in made.sources])
     findings += said
     if robot.jointed:
@@ -104,7 +107,13 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
         findings.append(Finding("refusal", "short_log", "", text, remedy))
         raise UnusableLog(tuple(findings))
     return Recordings(
-        tuple(segments), rate, made.command_units, tuple(findings), made.vehicle, tuple(seen)
+        tuple(segments),
+        rate,
+        made.command_units,
+        tuple(findings),
+        made.vehicle,
+        tuple(seen),
+        made.on_leaders(made.pd.feedback) if made.pd else None,
     )
 
 
@@ -221,7 +230,7 @@ def _segments(
     drop_rest = robot.jointed and mapping.drop_rest
     if any(velocity is None for velocity in made.velocities):
         text = f"velocities are derived from positions up to {signals.bandwidth(rate):g} Hz"
-        missing = [j for j, v in zip(robot.joints, made.velocities, strict=False) if v is None]
+        missing = [j for j, v in zip(robot.leaders, made.velocities, strict=False) if v is None]
         findings.append(Finding("note", "differentiated", source, text, data={"joints": missing}))
     seen: list[Phase] = []
     for start, end in _stretches(log, findings, short):
@@ -238,7 +247,9 @@ def _segments(
             short.append(ShortStretch(source, rows, phase.seconds))
     if not logs:
         return [], seen
-    saturated = _saturated(log, [(own.t[0], own.t[-1]) for own in logs], robot, findings)
+    saturated: dict[str, Array] = {}
+    if made.pd is None:
+        saturated = _saturated(log, [(own.t[0], own.t[-1]) for own in logs], robot, findings)
     rest = None
     limits = np.zeros(0)
     if drop_rest:
@@ -249,6 +260,8 @@ def _segments(
     for own in logs:
         grid = own.t
         usable = _trusted(grid, log, saturated, own.v.shape[1])
+        if made.pd is not None:  # at its limit a torque no longer follows the law
+            usable &= np.abs(own.u) < 0.999 * robot.limits
         kept = slice(0, len(grid))
         if rest is not None:
             moving = rest.speed(own) >= np.maximum(limits, 1e-12)
@@ -278,7 +291,6 @@ def _log(grid: Array, log: Cleaned, hold: bool, rate: float) -> Log:
 
     q_raw = on_grid(made.positions)
     q = made.q(q_raw)
-    u = made.u(on_grid(made.commands, hold))
     if made.vehicle is not None and made.velocities[0] is None:
         v = signals.low_pass(pose_velocity(q, rate), signals.bandwidth(rate) / (0.5 * rate))
     else:
@@ -287,7 +299,23 @@ def _log(grid: Array, log: Cleaned, hold: bool, rate: float) -> Log:
         if any(none):
             v_raw[:, none] = signals.derivative(q_raw[:, none], rate)
         v = made.v(v_raw, q)
+    u = _by_pd(grid, log, q, v) if made.pd else made.u(on_grid(made.commands, hold))
     return Log(grid, made.placed(q, v, rate), v, u)
+
+
+def _by_pd(grid: Array, log: Cleaned, q: Array, v: Array) -> Array:
+    """(N, n) commands of motors under a PD law, from their targets on a grid and (N, n) q and v."""
+    law = log.made.pd
+    assert law is not None
+
+    def on_grid(sources: Sequence[ChannelSource | None]) -> Array:
+        held = [held_mean(log.of(s), grid) + s.column.zero if s else 0.0 * grid for s in sources]
+        return np.column_stack(held)
+
+    parts = (on_grid(sources) for sources in (log.made.commands, law.velocities, law.forward))
+    own = slice(None) if log.made.led is None else list(log.made.led.independent)
+    u = law.commands(*parts, q[:, own], v[:, own])
+    return log.made.on_leaders(u * [source is not None for source in log.made.commands])
 
 
 def _trusted(grid: Array, log: Cleaned, saturated: dict[str, Array], n: int) -> np.ndarray:
@@ -298,7 +326,7 @@ def _trusted(grid: Array, log: Cleaned, saturated: dict[str, Array], n: int) -> 
     for group, mixing in (
         (made.positions, made.coupling),
         (made.velocities, made.coupling),
-        (made.commands, made.torque),
+        (made.commands, None if made.torque is None else made.on_leaders(made.torque.T).T),
     ):
         for k, source in enumerate(group):
             if source is None:
@@ -327,7 +355,9 @@ def _saturated(
     made = log.made
     torque = np.eye(len(made.commands)) if made.torque is None else made.torque
     diagonal = np.array_equal(torque, np.diag(np.diag(torque)))
-    for j, (command, limit) in enumerate(zip(made.commands, robot.limits, strict=True)):
+    for j, (command, limit) in enumerate(
+        zip(made.commands, robot.limits[list(robot.independent)], strict=True)
+    ):
         if command is None:
             continue
         name = command.column.column

@@ -38,6 +38,9 @@ class Recordings:
     findings: tuple[Finding, ...] = ()  # how the data were processed, and what was noticed
     vehicle: Vehicle | None = None  # how pose and twist were read; None for joints
     phases: tuple[Phase, ...] = ()  # of all logs, those left out as well; none if not prepared
+    # (2, n) gains of the measured positions and velocities in the commands, of motors under a PD
+    # law: they act at once, while what else the commands hold may act late; None without feedback
+    feedback: NDArray[np.float64] | None = None
 
     def driven(self, robot: RobotModel) -> list[int]:
         """Numbers of the joints with a motor, from 0.

@@ -213,6 +213,21 @@ def join(
     return found, findings
 
 
+def told_apart(tables: Sequence[LogTable]) -> list[LogTable]:
+    """Tables whose columns of equal names in several files are called `FILE/COLUMN`.
+
+    FILE is the name of the file without its ending.
+    """
+    names = [name for table in tables for name in table.channels]
+    several = {name for name in names if names.count(name) > 1}
+    found = []
+    for table in tables:
+        stem = table.source.partition(".")[0]
+        channels = {f"{stem}/{n}" if n in several else n: c for n, c in table.channels.items()}
+        found.append(replace(table, channels=channels))
+    return found
+
+
 def _shifted(table: LogTable, mapping: Map, shift: float = 0.0) -> dict[str, Channel]:
     """A table's channels, later by its offset in the map and by `shift` [s]."""
     own = mapping.files.get(table.source, File())

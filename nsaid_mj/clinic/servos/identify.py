@@ -16,6 +16,7 @@ from ..identify.links import carrier, check_loads
 from ..identify.loads import Load
 from ..identify.models import load_robot_model
 from ..logs.mapping import Map, read_map
+from ..logs.matching import named
 from ..logs.tables import LogTable, read_tables
 from .estimate import JointEstimate, estimate
 from .fit import DELAY, clusters
@@ -83,10 +84,17 @@ def read_servos(
         InvalidInput: a column or joint of the map does not exist, or loads differ.
         UnusableLog: no stretch lasts two seconds, or positions are in another unit.
     """
-    found = None if robot.passive else robot.servos
-    columns = servo_map(tables, mapping, robot.joints) if found is not None else None
+    found = None if set(robot.passive) - {*robot.followers} else robot.servos
+    columns = (
+        servo_map(tables, mapping, [j for j in named(robot) if j in robot.leaders])
+        if found is not None
+        else None
+    )
     if found is None or columns is None:
         return None
+    if robot.followers:
+        remedy = f"Lock them, if their inertia is small: `--lock {','.join(robot.followers)}`."
+        raise InvalidInput("servos", "joints that move by themselves", "joints that follow", remedy)
     check_loads(loads, [table.source for table in tables])
     kinds = {load._replace(source="") for load in loads}
     carrying = {load.source for load in loads}

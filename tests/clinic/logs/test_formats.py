@@ -1,5 +1,6 @@
 """Every binary format gives the channels that its own library wrote."""
 
+import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +15,7 @@ from nsaid_mj.clinic.logs.preparation import prepare
 from nsaid_mj.clinic.logs.tables import LogTable, read
 from nsaid_mj.clinic.logs.unusable import MissingExtra, UnreadableLog
 from nsaid_mj.lab.record import RecordWriter
-from tests.support.bags import write_bag
+from tests.support.bags import write_bag, write_sensors
 from tests.support.flight_logs import write_dataflash, write_ulog
 from tests.support.robot_logs import JOINTS, columns, motion, two_joints
 
@@ -70,6 +71,71 @@ def test_npz(tmp_path, closed):
     np.testing.assert_allclose(found.channels["tau_1"].values, CLEAN["tau2"])
 
 
+def test_matlab(tmp_path, closed):
+    import scipy.io
+
+    q, v, u = motion(CLEAN["t"])
+    log = {"t": CLEAN["t"], "arm": {"q": q, "dq": v.T, "tau": u}, "name": "arm"}
+    scipy.io.savemat(tmp_path / "log.mat", log)
+    found = read(tmp_path / "log.mat")
+    assert list(found.channels) == [f"arm/{x}_{k}" for x in ("q", "dq", "tau") for k in (0, 1)]
+    np.testing.assert_allclose(found.channels["arm/tau_1"].values, CLEAN["tau2"])
+    np.testing.assert_allclose(found.channels["arm/dq_0"].t, CLEAN["t"], atol=1e-9)
+    (tmp_path / "new.mat").write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64\0\0HDF")
+    with pytest.raises(UnreadableLog, match="-v7"):
+        read(tmp_path / "new.mat")
+
+
+def _records():
+    return [
+        dict(zip(CLEAN, row, strict=True)) for row in zip(*map(list, CLEAN.values()), strict=True)
+    ]
+
+
+@pytest.mark.parametrize("kind", ["records", "lines", "columns", "nested"])
+def test_json(tmp_path, closed, kind):
+    columns = {name: column.tolist() for name, column in CLEAN.items()}
+    whole = {
+        "records": _records(),
+        "columns": columns,
+        "nested": {"robot": "arm", "log": _records()},
+    }
+    text = "\n".join(map(json.dumps, _records())) if kind == "lines" else json.dumps(whole[kind])
+    (tmp_path / "log.json").write_text(text, encoding="utf-8")
+    assert_clean(read(tmp_path / "log.json"))
+
+
+def test_json_of_lists_and_objects_in_records(tmp_path):
+    rows = [{"t": t, "state": {"q": [t, 2 * t]}, "mode": "x"} for t in CLEAN["t"].tolist()]
+    rows[5]["state"] = {}
+    (tmp_path / "log.json").write_text(json.dumps(rows), encoding="utf-8")
+    found = read(tmp_path / "log.json")
+    assert list(found.channels) == ["state/q_0", "state/q_1"]
+    assert np.flatnonzero(np.isnan(found.channels["state/q_1"].values)).tolist() == [5]
+
+
+@pytest.mark.parametrize("text", ['{"t": [0, 1', "[1, 2]", '{"a": "b"}', "[{}]"])
+def test_json_without_a_log_is_told(tmp_path, text):
+    (tmp_path / "log.json").write_text(text, encoding="utf-8")
+    with pytest.raises(UnreadableLog):
+        read(tmp_path / "log.json")
+
+
+def test_messages_of_a_bag_are_read_by_their_structure(tmp_path, closed):
+    found = read(write_sensors(tmp_path / "log", CLEAN["t"]))
+    last = {name: channel.values[-1] for name, channel in found.channels.items()}
+    end = CLEAN["t"][-1]
+    assert last["imu/angular_velocity/z"] == pytest.approx(end)
+    assert last["imu/linear_acceleration/z"] == 9.8 and last["imu/orientation/w"] == 0.8
+    assert last["pose/position/x"] == pytest.approx(end) and last["pose/orientation/z"] == 0.6
+    assert last["twist/linear/x"] == pytest.approx(end) and last["twist/angular/z"] == 0.5
+    assert last["pwm/data_1"] == 1600
+    assert last["thrust/force_2"] == pytest.approx(end)
+    assert not [name for name in last if "covariance" in name or "image" in name]
+    (left,) = [f for f in found.findings if f.code == "left_out"]
+    assert "image" in left.text
+
+
 def test_a_run_of_ours_without_its_estimates(tmp_path, closed):
     q, v, u = motion(CLEAN["t"])
     widths = {"t": 0, "q": 2, "v": 2, "u": 2, "theta_hat": 3}
@@ -116,6 +182,12 @@ def test_dataflash(tmp_path, closed):
     found = read(write_dataflash(tmp_path / "log.bin", {"ARM": (values, CLEAN["t"] + 5)}))
     renamed = {name.removeprefix("ARM/"): c for name, c in found.channels.items()}
     assert_clean(LogTable(found.source, renamed, found.origin), tolerance=1e-5)
+
+
+def test_old_dataflash_logs_have_milliseconds(tmp_path):
+    values = {name: column for name, column in CLEAN.items() if name != "t"}
+    found = read(write_dataflash(tmp_path / "log.bin", {"ARM": (values, CLEAN["t"] + 5)}, "TimeMS"))
+    np.testing.assert_allclose(found.channels["ARM/q1"].t, CLEAN["t"], atol=1e-3)
 
 
 def test_dataflash_messages_with_a_damaged_time_are_told(tmp_path):

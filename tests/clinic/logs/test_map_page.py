@@ -21,7 +21,18 @@ def test_examples_are_maps(block):
 
 @pytest.mark.parametrize(
     "part",
-    [m.Map, m.Time, m.File, m.Joint, m.Profile, m.ColumnMap, m.MotorCoupling, m.Vehicle, m.Phases],
+    [
+        m.Map,
+        m.Time,
+        m.File,
+        m.Joint,
+        m.Profile,
+        m.ColumnMap,
+        m.MotorCoupling,
+        m.Pd,
+        m.Vehicle,
+        m.Phases,
+    ],
     ids=lambda p: p.__name__,
 )
 def test_every_field_is_in_an_example(part):

@@ -8,7 +8,10 @@ from hypothesis import strategies as st
 from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.clinic.logs import mapping, matching
 from nsaid_mj.clinic.logs.mapping import ColumnMap, map_of, read_map
+from nsaid_mj.clinic.logs.preparation import prepare
+from nsaid_mj.clinic.logs.tables import Channel, LogTable
 from nsaid_mj.clinic.logs.unusable import UnmatchedChannels
+from tests.support.robot_logs import motion, two_joints
 
 JOINTS = ("shoulder_pan_joint", "elbow_joint", "wrist_1_joint")
 
@@ -241,3 +244,35 @@ def test_a_robots_only_joint_needs_no_name_in_its_columns():
     assert columns == ("position", "velocity", "torque")
     with pytest.raises(UnmatchedChannels):
         matching.match(["position", "velocity", "torque"], ["hinge", "knee"])
+
+
+def _of_each_joint(names):
+    t = np.arange(1000) / 100
+    q, _, u = motion(t)
+    parts = zip(names, q.T, u.T, strict=True)
+    return [
+        LogTable(f"{name}.csv", {"position": Channel(t, x), "torque": Channel(t, y)}, 0)
+        for name, x, y in parts
+    ]
+
+
+@pytest.mark.parametrize("names", [("shoulder", "elbow"), ("motor_1", "motor_2")])
+def test_files_called_after_joints_are_parts_of_one_log(names):
+    found = prepare(_of_each_joint(names), None, two_joints())
+    (segment,) = found.segments
+    np.testing.assert_allclose(segment.log.q, motion(segment.log.t)[0], atol=1e-9)
+
+
+def test_files_of_two_runs_are_no_parts_of_one_log():
+    with pytest.raises(UnmatchedChannels):
+        prepare(_of_each_joint(("run_1", "run_2")), None, two_joints())
+
+
+def test_a_map_may_name_the_file_of_a_column():
+    joints = {
+        joint: {"position": {"column": f"{file}/position"}, "command": {"column": f"{file}/torque"}}
+        for joint, file in (("shoulder", "b"), ("elbow", "a"))
+    }
+    found = prepare(_of_each_joint(("a", "b")), map_of({"joints": joints}), two_joints())
+    (segment,) = found.segments
+    np.testing.assert_allclose(segment.log.q[:, ::-1], motion(segment.log.t)[0], atol=1e-9)

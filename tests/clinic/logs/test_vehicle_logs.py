@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.clinic.logs.checks import checks
+from nsaid_mj.clinic.logs.layout import layout
 from nsaid_mj.clinic.logs.mapping import Map, map_of
 from nsaid_mj.clinic.logs.preparation import prepare
 from nsaid_mj.clinic.logs.tables import Channel, LogTable
@@ -143,3 +144,37 @@ def test_what_a_vehicles_map_lacks_is_named(quadrotor):
     )
     with pytest.raises(InvalidInput, match="actuators"):
         prepare(tables, lacking, quadrotor)
+
+
+def _ardusub_table(robot: RobotModel, directions: dict[int, float]) -> tuple[LogTable, np.ndarray]:
+    """An ArduSub's log of a ROV, whose commands in its sheet's order are also returned."""
+    u = 0.5 * np.sin(T[:, None] * (1 + np.arange(8)))
+    names = ("ATT/Roll", "ATT/Pitch", "ATT/Yaw", "XKF1/VN", "XKF1/VE", "XKF1/VD")
+    still = {name: 0.1 * np.sin(T + k) for k, name in enumerate(names)}
+    still |= {f"IMU/Gyr{axis}": np.cos(T) for axis in "XYZ"}
+    # all of the sheet's thrusters push against the directions of the frame's motors
+    pulses = {
+        f"RCOU/C{k + 1}": 1500 - 400 * directions.get(k + 1, 1.0) * x for k, x in enumerate(u.T)
+    }
+    channels = {n: Channel(T, x) for n, x in (still | pulses).items()}
+    for motor, value in directions.items():
+        channels[f"PARM/MOT_{motor}_DIRECTION"] = Channel(T[:1], np.array([value]))
+    return LogTable("rov.bin", channels, 0), u
+
+
+@pytest.mark.parametrize("directions", [{}, {1: -1.0, 4: 1.0}])
+def test_the_outputs_of_ardusub_are_a_rovs_thrusters(directions):
+    robot = load_robot_model("bluerov2")
+    made, u = _ardusub_table(robot, directions)
+    found = layout(None, robot, [made])
+    assert "vectored 6DOF" in found.assumed and ("[1]" in found.assumed) == bool(directions)
+    raw = [s.factor * made.channels[s.column.column].values for s in found.commands if s]
+    np.testing.assert_allclose(found.u(np.column_stack(raw)), u, atol=1e-12)
+
+
+def test_outputs_of_another_frame_are_not_taken():
+    robot = load_robot_model("bluerov2")
+    made, _ = _ardusub_table(robot, {})
+    lacking = {name: c for name, c in made.channels.items() if name != "RCOU/C8"}
+    with pytest.raises(UnmatchedChannels):
+        layout(None, robot, [replace(made, channels=lacking)])

@@ -63,6 +63,7 @@ from .options import (
 _POOR = 0.3  # held-out error above which clocks may be farther apart than a delay
 _UNTIMED = ("delay_at_edge", "clock_offset")  # findings where no delay is used
 _LOADED = 0.15  # share of weight in a joint's force that a load column needs
+_BETWEEN = 0.1  # of the time between two rows: doubt of when a held target of a PD law acts
 _STEPS = 5  # of the correction of delays by the physical fit
 _EXACT = 2e-5  # least change of a delay that is worth another step [s]
 _LONGEST = 0.008  # step [s]
@@ -106,6 +107,9 @@ def structured_arm(
         report("fitting delays")
         beside = [rows.like(recordings, other) for other in others_at]
         found = _finished(rows, found, problem, options, beside)
+        if found.delays is not None and recordings.feedback is not None:
+            least = _BETWEEN / measured.rate
+            found = found._replace(delays=Delays(np.maximum(found.delays.deviation, least)))
         choice = found.choice
         others = _alternatives(rows, found)
         rivals = _rival_problems(rows, found, beside)
@@ -156,7 +160,8 @@ def _filtered(
     tried = [rows_at(cutoff) for cutoff in cutoffs]
     k = len(robot.joints)
     delay = np.zeros(k) if options.delay is None else options.delay
-    choice = Choice((BASIC | {"quadratic"},) * k, (BROAD,) * k, delay, options.coupled)
+    names = on_leaders(tried[0], BASIC | {"quadratic"})
+    choice = Choice(names, (BROAD,) * k, delay, options.coupled)
     if options.delay is None:
         choice = _with_delays(tried[0], choice, free=False)[0]
     gain, spread, _ = expected_gains(tried[0], choice)
@@ -302,11 +307,17 @@ def choose(
     k = len(rows.robot.joints)
     basic = BASIC if columns is None else columns
     start = np.zeros(k) if delay is None else delay
-    choice = Choice((basic,) * k, (BROAD,) * k, start, coupled)
+    choice = Choice(on_leaders(rows, basic), (BROAD,) * k, start, coupled)
     findings = []
     if delay is None:
         choice, findings = _with_delays(rows, choice, columns is None)
     return with_friction(rows, choice, columns is None, findings)
+
+
+def on_leaders(rows: JointRows, names: frozenset[str]) -> tuple[frozenset[str], ...]:
+    """Columns of all joints: those of `names`, and none of joints that follow others."""
+    count = len(rows.robot.joints)
+    return tuple(frozenset[str]() if j in rows.following else names for j in range(count))
 
 
 def with_friction(
@@ -448,8 +459,10 @@ def _with_delays(rows: JointRows, choice: Choice, free: bool) -> tuple[Choice, l
     level = counts[judged] @ (square / square.min(axis=1, keepdims=True))
     shared = grid[best] + fine[at] + _FINE * _vertex(level[at - 1 : at + 2])
     delays = np.full(len(choice.delay), shared)
+    # under a PD law a later target is less viscous friction, so a joint's own delay is not tried
+    one = rows.recordings.feedback is not None
     for row, j in enumerate(rows.driven):
-        if not judged[row]:
+        if one or not judged[row]:
             continue
         # one clock stamps all joints: none of them has its command after it acted
         level = np.log(coarse[row]).mean(axis=1)
@@ -469,6 +482,7 @@ def _errors_at(rows: JointRows, choice: Choice, grid: Array, free: bool) -> Arra
     """(J, D, 5) held-out errors of J driven joints at delays (D,), each with its best friction."""
     k = len(rows.robot.joints)
     u = np.stack([rows.commands(np.full(k, delay)) for delay in grid], axis=2)
+    growth = np.array([rows.growth(np.full(k, delay)) for delay in grid])
     found = []
     for j in rows.driven:
         own = choice.columns[j] & set(SHAPES)
@@ -476,7 +490,7 @@ def _errors_at(rows: JointRows, choice: Choice, grid: Array, free: bool) -> Arra
         tried = [usual, *(s for names in (_RICH if free else (own,)) for s in shapes(names, usual))]
         errors = Contest(rows, choice, j, u[:, j]).errors(tried)
         best = np.argmin(np.log(errors).mean(axis=2), axis=0)
-        found.append(errors[best, np.arange(errors.shape[1])])
+        found.append(errors[best, np.arange(errors.shape[1])] * growth[:, [j]])
     if not found:
         return np.full((0, len(grid), 1), np.inf)
     return np.stack([np.broadcast_to(one, (len(grid), one.shape[1])) for one in found])
@@ -494,6 +508,8 @@ def with_constants(
     """
     (best, fitted), findings = shared_errors(rows.problem(choice)), []
     for j, name in enumerate(rows.robot.joints):
+        if j in rows.following:
+            continue
         for option, words in zip(CONSTANTS, ("a constant offset", "a spring"), strict=True):
             column = option.name
             if column == "offset" and (name in level or j not in rows.driven):
@@ -512,7 +528,7 @@ def with_constants(
 def with_speeds(rows: JointRows, choice: Choice) -> Choice:
     """The choice with the best s of Coulomb friction at passive joints, by the physical fit."""
     best = shared_errors(rows.problem(choice))[0]
-    for j in set(range(len(rows.robot.joints))) - set(rows.driven):
+    for j in set(range(len(rows.robot.joints))) - {*rows.driven, *rows.following}:
         for speed in range(len(SPEED.values)):
             trial = choice.at(j, speed=speed)
             errors = shared_errors(rows.problem(trial))[0]

@@ -14,6 +14,7 @@ from ....core import Array
 from ....lab import INTERVAL
 from .clocks import at_edge
 from .options import DELAY, LAG, MIX, NUMBER, REACH, improves
+from .thruster_curve import ThrusterCurve
 
 _FINE = 0.0005  # of the best delay [s]
 _STEPS = (0.0005, 0.001, 0.01)  # first changes of delay, lag and mix by which a cost rises
@@ -31,6 +32,7 @@ class Timing(NamedTuple):
     # where the command is the rotor's speed, 0 where it is its thrust
     mix: float = 1.0
     lag: float = 0.0  # time constant of a rotor's speed, or of another actuator's command [s]
+    curve: ThrusterCurve = ThrusterCurve()  # of thrusters, by default the sheet's
 
     def speeds(self, u: Array, rate: float) -> Array:
         """(N, k) relative speeds of rotors under commands u (N, k), apart from the delay.
@@ -220,7 +222,8 @@ def _drive_notes(timing: Timing, half: float, rotors: bool) -> list[Finding]:
     found = []
     mix = timing.mix
     if mix != 1.0:
-        text = f"the rotors' thrust is {mix:.2f} u² + {1 - mix:.2f} u of the command u"
+        text = f"the rotors' thrust is {mix:.2f} u² + {1 - mix:.2f} u of the command u: "
+        text += f"MOT_THST_EXPO (ArduPilot) or THR_MDL_FAC (PX4) = {mix:.2f}"
         found.append(Finding("note", "curve", "", text, data={"mix": mix}))
     if timing.lag:
         who = "the rotors' speeds" if rotors else "the actuators"

@@ -21,7 +21,8 @@ from ..vehicles import VehicleRows
 from .clocks import clock_offset
 from .columns import EXTRA
 from .cutoff import NARROWER, filter_for
-from .options import CUTOFF, FURTHER_COLUMNS, improves
+from .options import CUTOFF, FURTHER_COLUMNS, NUMBER, improves
+from .thruster_curve import TRIALS, ThrusterCurve, fitted_curve, rough_curve
 from .timing import Timed, Timing, search
 
 _ROUNDS = 3  # of choosing timing and cut-off in turn
@@ -36,6 +37,8 @@ def _richer(rows: VehicleRows, timing: Timing) -> tuple[frozenset[str], list[Fin
     best = cost(columns, timing)
     for option in FURTHER_COLUMNS:
         name = option.name
+        if name == "offset" and rows.steady.any():  # the force of a steady command is one
+            continue
         trial = cost(columns | {name}, timing)
         if improves(best, trial, option.criterion):
             text = f"a column of {name} per velocity lowers the cost by {best - trial:.0f}"
@@ -71,6 +74,10 @@ def structured_vehicle(
         rows = _most_informative(trials, columns, timing)
         if rows is before:
             break
+    if rows.thrusters and options.columns is None:
+        report("choosing the thrusters' curve")
+        timed = _curved(rows, columns, timed, options.delay, report)
+        timing = timed.timing
     findings = list(timed.findings)
     if options.columns is None:
         report("choosing columns")
@@ -105,7 +112,7 @@ def structured_vehicle(
         rows.chosen.cutoff,
         rows.delays(timing),
         suspects,
-        acting=lambda u, rate: rows.acting(u, rate, timing),
+        acting=lambda u, rate: rows.acting_on_sheet(u, rate, timing),
         columns=rows.further(columns),
     )
 
@@ -134,6 +141,16 @@ def _timing(
     if delay is not None:
         return Timed(Timing(delay), [], [])
     cost = _cost(rows, columns, Timing())
+    return _searched(rows, lambda x: cost(columns, x), columns, report)
+
+
+def _searched(
+    rows: VehicleRows,
+    cost: Callable[[Timing], float],
+    columns: frozenset[str],
+    report: Callable[[str], None],
+) -> Timed:
+    """The timing that minimises a cost."""
     free = [0, *([1] if rows.rotors or rows.others else []), *([2] if rows.rotors else [])]
 
     def offset() -> float | None:
@@ -143,7 +160,49 @@ def _timing(
         return clock_offset(needed, acting, rows.t, rows.segment)
 
     period = 1 / rows.recordings.rate
-    return search(lambda x: cost(columns, x), rows.robot.joints, free, report, period, offset)
+    return search(cost, rows.robot.joints, free, report, period, offset)
+
+
+def _curved(
+    rows: VehicleRows,
+    columns: frozenset[str],
+    before: Timed,
+    delay: Array | None,
+    report: Callable[[str], None],
+) -> Timed:
+    """The timing with the thrusters' curve; that `before`, of the sheet's, if it is the best.
+
+    A wrong curve bends the delay: the curve is sought at the timing of the sheet's curve and
+    without any, then the timing with that curve, then the curve again. A given `delay` is kept.
+    """
+    timing = before.timing
+    cost = _cost(rows, columns, timing)
+    starts = [timing] if delay is not None else [timing, Timing()]
+    trials = [start._replace(curve=curve) for start in starts for curve in TRIALS]
+    costs = [cost(columns, trial) for trial in trials]
+    made = trials[int(np.argmin(costs))]
+    if not improves(cost(columns, timing), min(costs), NUMBER):
+        return before
+
+    def of(timing: Timing) -> Callable[[ThrusterCurve], float]:
+        return lambda x: cost(columns, timing._replace(curve=x))
+
+    curve, told = rough_curve(of(made), made.curve)
+    if not told:  # the sheet's remains, and intervals allow for the other
+        return before._replace(others=[*before.others, timing._replace(curve=curve)])
+    if delay is not None:
+        curve, near, notes = fitted_curve(of(made), curve)
+        others = [made._replace(curve=x) for x in near]
+        return Timed(made._replace(curve=curve), others, notes) if notes else before
+    cost = _cost(rows, columns, made._replace(curve=curve))
+    found = _searched(rows, lambda x: cost(columns, x._replace(curve=curve)), columns, report)
+    curve, near, notes = fitted_curve(of(found.timing), curve)
+    if not notes:
+        return before
+    made = found.timing._replace(curve=curve)
+    others = [x._replace(curve=curve) for x in found.others]
+    others += [made._replace(curve=x) for x in near]
+    return Timed(made, others, [*found.findings, *notes], found.delay)
 
 
 def _with_cutoff(rows: VehicleRows, share: float) -> VehicleRows:

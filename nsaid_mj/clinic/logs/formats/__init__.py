@@ -30,7 +30,7 @@ STRAY = "a stray quote"
 
 _MOST_SAID = 1 << 20  # characters of a library's output that are examined
 _SUFFIXES = (
-    *(".csv", ".tsv", ".gz", ".parquet", ".arrow", ".feather", ".npz"),
+    *(".csv", ".tsv", ".gz", ".parquet", ".arrow", ".feather", ".npz", ".mat", ".json", ".jsonl"),
     *(".bag", ".mcap", ".ulg", ".bin", ".rrd"),
 )
 
@@ -67,6 +67,8 @@ FORMATS = (
     Format("lerobot", "Arrow", inside="meta/info.json"),
     Format("arrow", "Arrow", (b"PAR1", b"ARROW1", b"\xff\xff\xff\xff")),
     Format("npz", "NumPy", (b"PK\x03\x04",)),
+    Format("mat", "SciPy", (b"MATLAB",)),
+    Format("json", "the reader of JSON", (b"{", b"[{", b"[ ", b"[\n", b"[\r", b"\xef\xbb\xbf{")),
     Format("rosbag", "rosbags", _BAGS, inside="metadata.yaml", extra="ros"),
     Format("ulog", "pyulog", (b"ULog\x01\x12\x35",), extra="ulog"),
     Format("dataflash", "pymavlink", (b"\xa3\x95\x80",), extra="dataflash"),
@@ -129,7 +131,8 @@ def form_of(path: Path) -> Format:
     found = next((form for form in (*FORMATS, TEXT) if form.recognises(path, head)), None)
     if found is not None or (path.is_file() and b"\x00" not in head):
         return found or TEXT
-    remedy = "Known are CSV, Parquet, Arrow, npz, ROS bags, MCAP, ULog, DataFlash, LeRobot, Rerun."
+    remedy = "Known are CSV, JSON, Parquet, Arrow, npz, MATLAB, ROS bags, MCAP, ULog, DataFlash, "
+    remedy += "LeRobot and Rerun."
     raise UnreadableLog(path, "no known format", remedy)
 
 
@@ -168,7 +171,9 @@ def _read(form: Format, path: Path) -> list[Columns]:
     except Exception as error:  # whatever a library raises on a damaged file
         said = " ".join(printable(str(error)).split())[:200]
         reason = f"{form.library} cannot read it ({type(error).__name__}: {said})"
-        raise UnreadableLog(path, reason, "Record or export the log again.") from error
+        remedy = "If other programs can read it, convert it to CSV or Parquet; else it is damaged: "
+        remedy += "record or export it again."
+        raise UnreadableLog(path, reason, remedy) from error
     # lines with control characters are from our own progress bar, drawn meanwhile
     if said := [line for line in output if line.strip() and line == printable(line)]:
         about = (form.library, f"its first of {len(said)} messages is: {said[0][:200]}")

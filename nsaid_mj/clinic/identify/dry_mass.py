@@ -1,0 +1,85 @@
+"""The weighed mass of a vehicle in water: what it says of the effective masses, and the added mass.
+
+The entries of the mass matrix are m + added mass, and no motion tells the two apart. The mass m,
+which a balance tells, fixes the common scale as far as the added mass of the sheet does: the
+effective masses of the sheet are corrected by the difference of both masses, and their own spread
+remains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...base import Finding, InvalidInput
+from ...core import ParameterSpace, number
+from ...report import Parameter
+from ...robots import RobotModel
+
+NAMES = ("m", "mass", "dry mass")
+"""What a user may call it in `--known`."""
+
+_SPREAD = 0.3  # standard deviation of the logarithm of a sheet's added mass
+
+
+def stated_mass(robot: RobotModel, known: Mapping[str, float]) -> float | None:
+    """The dry mass among known values; None if there is none, or the sheet has no added mass."""
+    own = robot.system.space if robot.dry_mass is not None else None
+    if own is None:
+        return None
+    given = [known[name] for name in NAMES if name in known and name not in own.names]
+    return given[0] if given else None
+
+
+def with_dry_mass(robot: RobotModel, mass: float) -> RobotModel:
+    """The vehicle of that dry mass [kg], whose effective masses of the sheet are corrected by it.
+
+    Raises:
+        InvalidInput: it is no number > 0, or far from the sheet's, whose inertias then do not fit.
+    """
+    assert robot.prior is not None  # every vehicle has one
+    assert robot.dry_mass is not None
+    if not 0.5 * robot.dry_mass < mass < 2 * robot.dry_mass:
+        expected = f"kilograms near the sheet's {robot.dry_mass:g}"
+        remedy = "Give the mass without water, or correct the sheet."
+        raise InvalidInput("--known m", expected, mass, remedy)
+    prior = robot.prior.copy()
+    prior[effective_masses(robot.system.space)] += mass - robot.dry_mass
+    return replace(robot, prior=prior, dry_mass=mass, weighed=True)
+
+
+def effective_masses(space: ParameterSpace) -> list[int]:
+    """Indices of the masses of a mass matrix, one for each direction of motion."""
+    pairs = zip(space.labels, space.units, strict=True)
+    return [k for k, (x, u) in enumerate(pairs) if x.startswith("effective ") and u == "kg"]
+
+
+def scale_deviation(robot: RobotModel) -> float:
+    """Standard deviation of the logarithm of a weighed vehicle's effective masses."""
+    assert robot.prior is not None  # every vehicle has one
+    masses = robot.prior[effective_masses(robot.system.space)]
+    added = masses - (robot.dry_mass or 0.0)
+    return float(max(_SPREAD * added.sum() / masses.sum(), 0.01))
+
+
+def added_mass(robot: RobotModel, parameters: Sequence[Parameter]) -> list[Finding]:
+    """A note of the added masses, effective minus dry mass, with their intervals."""
+    if robot.dry_mass is None:
+        return []
+    own = effective_masses(robot.system.space)
+    found = []
+    values = {}
+    for parameter in (parameters[k] for k in own):
+        way = parameter.label.removeprefix("effective ").removesuffix(" mass")
+        ends = [x - robot.dry_mass for x in (parameter.value, parameter.low, parameter.high)]
+        ends = [max(x, 0.0) for x in ends]  # water takes no mass away
+        values[way] = ends
+        value, low, high = (number(x, significant=3) for x in ends)
+        found.append(f"{way} {value} ({low} to {high})")
+    whose = "weighed" if robot.weighed else "sheet's"
+    text = f"added mass, effective mass minus the {whose} {robot.dry_mass:g} kg: {', '.join(found)}"
+    remedy = "" if robot.weighed else "Give the weighed one, if it differs: --known m=…"
+    data = {way: [float(np.round(x, 9)) for x in ends] for way, ends in values.items()}
+    return [Finding("note", "added_mass", "", f"{text} kg", remedy, data)]
