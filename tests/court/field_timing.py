@@ -134,12 +134,14 @@ def draw(seed: int) -> Draw:
     return Draw(name, urdf, table, delay, truth)
 
 
-def identified(drawn: Draw, delay: float | None = None) -> Identification:
-    """The result of a log, with one gain told; at a known delay [s] if it is given."""
+def identified(
+    drawn: Draw, delay: float | None = None, cutoff: float | None = None
+) -> Identification:
+    """The result of a log, with one gain told; at a known delay [s] and cut-off [Hz] if given."""
     known = {"gain_1": drawn.truth["gain_1"]}
     with tempfile.TemporaryDirectory() as folder:
         model, log = drawn.write(Path(folder))
-        return identify_forces(str(model), log, known=known, delay=delay)
+        return identify_forces(str(model), log, known=known, delay=delay, cutoff=cutoff)
 
 
 def judge(found: Identification, drawn: Draw) -> Judged:
