@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import BadRun, FolderInUse, InvalidInput, NotWritten
-from .inputs import path_of, read_input
+from .inputs import path_of, read_input, wrote
 from .signatures import check_replaceable, sign, unused
 
 RECORDING = "run.rrd"
@@ -113,6 +113,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
                 os.fsync(stream.fileno())
             sign(path, partial)
             partial.replace(path)
+            wrote(path)
         finally:
             with suppress(OSError):  # of a folder that is gone
                 partial.unlink(missing_ok=True)

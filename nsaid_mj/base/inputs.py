@@ -23,6 +23,7 @@ _Options = TypeVar("_Options")
 _Key = tuple[int, int]  # device and inode: one file, by whatever path, link or mount
 
 _read: list[set[_Key]] = []  # files that the command has read, for each `reading` around it
+_written: list[set[_Key]] = []  # files that it wrote itself: read again, they are no inputs
 
 
 def path_of(text: str | os.PathLike[str]) -> Path:
@@ -77,10 +78,18 @@ def reading(*paths: str | Path | None) -> Iterator[None]:
         with suppress(OSError, ValueError):
             files.add(_key(os.stat(path)))
     _read.append(files)
+    _written.append(set())
     try:
         yield
     finally:
         _read.pop()
+        _written.pop()
+
+
+def wrote(path: Path) -> None:
+    """Says that the current command wrote the file at a path, which it may read and write again."""
+    for files in _written:
+        files.add(_key(path.stat()))
 
 
 def was_read(path: Path) -> bool:
@@ -101,8 +110,10 @@ def check_input(path: Path, most: int = LARGEST_FILE) -> None:
     """
     status = os.stat(path)
     _check(path, status, most)
-    for files in _read:
-        files.add(_key(status))
+    key = _key(status)
+    if not any(key in files for files in _written):
+        for files in _read:
+            files.add(key)
 
 
 def read_input(path: Path, most: int = LARGEST_TEXT) -> bytes:

@@ -16,6 +16,7 @@ import pytest
 from nsaid_mj import NsaidError, base
 from nsaid_mj.base.errors import NotWritten
 from nsaid_mj.base.files import write_text
+from nsaid_mj.base.inputs import read_input, reading
 from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.clinic.logs.tables import read_tables
 from nsaid_mj.robots.assets import folder
@@ -324,3 +325,17 @@ def test_the_home_is_meant_by_a_tilde_everywhere(words: str, desk: Path) -> None
     (desk / "home" / "out" / "thesis.tex").write_text("mine", encoding="utf-8")
     refused(*words.split(), "--out=~/out")
     assert not (desk / "~").exists()
+
+
+def test_what_a_command_wrote_it_may_read_and_write_again(tmp_path: Path) -> None:
+    """An exported model is tried, and written again with another integrator."""
+    mine = tmp_path / "mine.xml"
+    mine.write_text("<a/>", encoding="utf-8")
+    ours = tmp_path / "ours.xml"
+    with reading():
+        write_text(ours, "<a/>")
+        assert read_input(ours) == read_input(mine)
+        write_text(ours, "<b/>")
+        with pytest.raises(NotWritten):
+            write_text(mine, "<b/>")
+    assert ours.read_text(encoding="utf-8") == "<b/>"

@@ -308,8 +308,8 @@ def _unseen(result: ServoIdentification, logs: Sequence[ServoLog]) -> Array:
     """(n,) mean absolute errors of MuJoCo on each part of the logs, identified without it."""
     found = []
     with TemporaryDirectory(prefix="nsaid-mj-") as folder:
-        for part in result.left_out:
-            path = Path(folder, "without.xml")
+        for number, part in enumerate(result.left_out, 1):
+            path = Path(folder, f"without-{number}.xml")
             write_servo_mjcf(replace(result, servos=part.servos), path)
             log = logs[part.log].part(slice(0, part.rows.stop))
             simulated = rollout(path, result.robot.joints, log)

@@ -96,7 +96,8 @@ def test_a_spring_in_a_file_whose_angles_are_degrees_rests_where_it_does(tmp_pat
     file = write_csv(tmp_path / "log.csv", log(text, RIGID, 0))
     (tmp_path / "arm.xml").write_text(degrees, encoding="utf-8")
     found = identify_forces(load_robot_model(str(tmp_path / "arm.xml")), file, known=KNOWN)
-    files, _ = write_models(found, tmp_path)
+    (tmp_path / "out").mkdir()
+    files, _ = write_models(found, tmp_path / "out")
     model = mujoco.MjModel.from_xml_path(str(next(f for f in files if f.suffix == ".xml")))
     assert model.joint("shoulder").qpos_spring[0] == pytest.approx(0.3, abs=0.02)
 

@@ -267,4 +267,4 @@ def test_an_interval_of_what_nobody_knows_ends():
     fit = minimise(problem)._replace(theta=TRUE)
     exact = exactly(covariance=np.diag((40 * TRUE) ** 2), data=1e6 * np.eye(7))
     found = parameters_in_words(problem, fit, exact, np.full(2, 2.0), np.zeros(7))[0]
-    assert found.high < 100 * found.value and found.low > 0.01 * found.value
+    assert (found.low, found.high) == (0.0, np.inf)  # printed as "not determined"

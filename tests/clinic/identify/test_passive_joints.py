@@ -101,7 +101,8 @@ def test_actuators_elsewhere_do_not_disturb_the_replay(tmp_path):
     text = ACROBOT.replace("</body></body>", '<site name="a"/><site name="b"/></body></body>')
     pull = '<actuator><general site="b"/><general site="a" gear="1 0 0 0 0 0"/>'
     model.write_text(text.replace("<actuator>", pull), encoding="utf-8")
-    (followed,) = write_models(identify_forces(str(model), [log]), tmp_path)[1]
+    (tmp_path / "out").mkdir()
+    (followed,) = write_models(identify_forces(str(model), [log]), tmp_path / "out")[1]
     exported = followed.data["exported"]
     assert isinstance(exported, list) and max(exported) < 5e-3
 

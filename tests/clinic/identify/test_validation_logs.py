@@ -27,8 +27,8 @@ command = { column = "d" }
 
 
 def write(path: Path, names: dict[str, str], scale: float = 1.0) -> Path:
-    """A log of two seconds with columns by other names; the first position is scaled."""
-    values = columns(2.0)
+    """A log of four seconds with columns by other names; the first position is scaled."""
+    values = columns(4.0)
     values["q1"] = values["q1"] * scale
     table = np.column_stack([values[name] for name in names])
     np.savetxt(path, table, delimiter=",", header=",".join(names.values()), comments="")

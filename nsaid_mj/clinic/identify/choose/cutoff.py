@@ -21,6 +21,7 @@ NARROWER = 0.6
 _SHARE = 0.99  # of the velocity's power below the bandwidth of the motion
 _MOST = 0.95  # of this power below the lowest cut-off of a comparison
 _OVER = 2.5  # that cut-off over the frequency of this power
+FEWEST = 200  # rows per velocity that a lower cut-off must leave
 _FACTOR = 1.5  # between cut-offs that are compared
 _ALIKE = 0.02  # difference of the logarithms of errors that does not matter
 _ABOVE = 4.0  # power, relative to the noise's, from which it counts as motion
@@ -57,10 +58,12 @@ def filter_for(recordings: Recordings, cutoff: float | None = None) -> Filter:
 def trials(recordings: Recordings) -> list[float]:
     """Cut-offs that are compared [Hz], the lowest first; the last but one is that of `filter_for`.
 
-    The lowest passes what moves.
+    The lowest passes what moves, and leaves enough rows.
     """
     usual = filter_for(recordings).cutoff
-    lowest = max(2.0, _OVER * _bandwidth(recordings, _MOST))
+    seconds = sum(len(segment.log.t) for segment in recordings.segments) / recordings.rate
+    fewest = FEWEST / (4 * seconds)  # rows come at four times the cut-off
+    lowest = max(2.0, _OVER * _bandwidth(recordings, _MOST), fewest)
     lower = int(np.log(max(usual / lowest, 1.0)) / np.log(_FACTOR) + 1e-9)
     return (usual * _FACTOR ** np.arange(-lower, 2)).tolist()
 

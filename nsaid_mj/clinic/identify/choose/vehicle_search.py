@@ -20,13 +20,12 @@ from ..unmodelled_effects import command_suspects
 from ..vehicles import VehicleRows
 from .clocks import clock_offset
 from .columns import EXTRA
-from .cutoff import NARROWER, filter_for
+from .cutoff import FEWEST, NARROWER, filter_for
 from .options import CUTOFF, FURTHER_COLUMNS, NUMBER, improves
 from .thruster_curve import TRIALS, ThrusterCurve, fitted_curve, rough_curve
 from .timing import Timed, Timing, search
 
 _ROUNDS = 3  # of choosing timing and cut-off in turn
-_FEWEST = 200  # rows per velocity that a lower cut-off must leave
 
 
 def _richer(rows: VehicleRows, timing: Timing) -> tuple[frozenset[str], list[Finding]]:
@@ -214,7 +213,7 @@ def _with_cutoff(rows: VehicleRows, share: float) -> VehicleRows:
 def _narrower(rows: VehicleRows) -> list[VehicleRows]:
     """The rows, and those of lower cut-offs that leave enough of them."""
     others = [_with_cutoff(rows, share) for share in CUTOFF.values]
-    return [rows, *(other for other in others if len(other.t) >= _FEWEST)]
+    return [rows, *(other for other in others if len(other.t) >= FEWEST)]
 
 
 def _most_informative(
