@@ -13,7 +13,7 @@ from ...robots import RobotModel
 from ..logs.recordings import Recordings
 from ..logs.unusable import UnusableLog
 from .choose.structured import structured
-from .dry_mass import NAMES, added_mass, stated_mass, with_dry_mass
+from .dry_mass import added_mass, of_parameters, stated_mass, with_dry_mass
 from .fit import Fit, Precision, minimise, precision, tempered, tempered_fit
 from .hypotheses import without_contradicted
 from .identifiability import (
@@ -109,11 +109,6 @@ def calibrate(
     return result
 
 
-def _of_parameters(robot: RobotModel, known: Mapping[str, float]) -> dict[str, float]:
-    """Known values of parameters, without a vehicle's dry mass, which the structure contains."""
-    return {x: v for x, v in known.items() if not (robot.weighed and x in NAMES)}
-
-
 def _estimated(
     robot: RobotModel, made: Structured, known: Mapping[str, float], apart: float
 ) -> BatchFit:
@@ -121,7 +116,7 @@ def _estimated(
 
     `apart` is a relative standard deviation of the scale beside that of the prior.
     """
-    told = _of_parameters(robot, known)
+    told = of_parameters(robot, known)
 
     def own(each: FitProblem) -> FitProblem:
         return informed(each, told, robot.weightless)
@@ -184,7 +179,7 @@ def _identification(
     gain_spread = problem.spread[problem.space.actuators]
     stated = bool((gain_spread < TRUSTED).all())
     scale = common_scale(problem, exact, fit.theta, stated, robot.weightless, known)
-    found = [*found, *idle_values(problem, scale, _of_parameters(robot, known))]
+    found = [*found, *idle_values(problem, scale, of_parameters(robot, known))]
     explains, sentence = verdict(joints, found, scale, robot.jointed)
     common = np.zeros(2 * fit.theta.shape) if scale.fixed else scale.weights
     parameters = parameters_in_words(problem, fit, exact, gain_spread, common)

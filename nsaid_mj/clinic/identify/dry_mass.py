@@ -24,6 +24,11 @@ NAMES = ("m", "mass", "dry mass")
 _SPREAD = 0.3  # standard deviation of the logarithm of a sheet's added mass
 
 
+def of_parameters(robot: RobotModel, known: Mapping[str, float]) -> dict[str, float]:
+    """Known values of parameters, without a vehicle's dry mass, which the structure contains."""
+    return {x: v for x, v in known.items() if not (robot.weighed and x in NAMES)}
+
+
 def stated_mass(robot: RobotModel, known: Mapping[str, float]) -> float | None:
     """The dry mass among known values; None if there is none, or the sheet has no added mass."""
     own = robot.system.space if robot.dry_mass is not None else None

@@ -20,6 +20,7 @@ from ...core import body_names, inverse_on, number
 from ...lab import INTERVAL
 from ...robots import RobotModel
 from ..logs.recordings import Recordings
+from .dry_mass import of_parameters
 from .fit import information, minimise, tempered
 from .identifiability import index_of, informed
 from .links import CarriedLoads, ball_at, payloads
@@ -69,7 +70,7 @@ def without_contradicted(
     """The options without a told value that logs or model file contradict; None if none is."""
     problem = fitted.problem
     told = []
-    for name, value in options.known.items():
+    for name, value in of_parameters(robot, options.known).items():
         told.append(_Told(index_of(problem, name), value, {name: value}))
     carried = payloads(robot.model, options.loads) if options.loads else []
     for each in carried:
