@@ -9,17 +9,21 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import fields, replace
+from io import BufferedReader
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from .errors import InvalidInput
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 LARGEST_TEXT = 64 << 20
 """Largest file of text that is read as a whole [bytes]: maps, limits, sheets, models, summaries."""
 LARGEST_FILE = 1 << 40
 """Largest file that a library may open; a log's own limit is that of its unpacked size."""
 
-_Options = TypeVar("_Options")
+_Options = TypeVar("_Options", bound="DataclassInstance")
 _Key = tuple[int, int]  # device and inode: one file, by whatever path, link or mount
 
 _read: list[set[_Key]] = []  # files that the command has read, for each `reading` around it
@@ -62,8 +66,8 @@ def with_homes(options: _Options) -> _Options:
             return str(path_of(value))
         return path_of(value) if isinstance(value, Path) else value
 
-    given = {field.name: getattr(options, field.name) for field in fields(options)}  # type: ignore[arg-type]
-    return replace(options, **{name: whole(value) for name, value in given.items()})  # type: ignore[type-var]
+    given = {field.name: getattr(options, field.name) for field in fields(options)}
+    return replace(options, **{name: whole(value) for name, value in given.items()})
 
 
 @contextmanager
@@ -136,7 +140,7 @@ def read_bytes(path: Path, most: int = LARGEST_TEXT) -> bytes:
         return stream.read(most)
 
 
-def opened_file(path: Path, most: int = LARGEST_FILE) -> BinaryIO:
+def opened_file(path: Path, most: int = LARGEST_FILE) -> BufferedReader:
     """A file opened for reading, without waiting for a pipe's writer.
 
     Raises:

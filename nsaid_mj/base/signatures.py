@@ -10,8 +10,8 @@ import json
 import os
 import stat
 from contextlib import suppress
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 from .errors import NotWritten
 from .inputs import opened_file, read_bytes, was_read
@@ -106,7 +106,7 @@ def _is_marked(head: bytes) -> bool:
     return any(head.startswith(magic) and mark in head for magic, mark in _MARKS.items())
 
 
-def _digest(stream: BinaryIO) -> str:
+def _digest(stream: BufferedReader) -> str:
     return hashlib.file_digest(stream, "sha256").hexdigest()
 
 

@@ -57,7 +57,7 @@ def beside(steps: int, call: Callable[..., T], *given: object) -> Callable[[], T
 
 
 @cache
-def _threads(process: int) -> ThreadPoolExecutor:  # noqa: ARG001
+def _threads(process: int) -> ThreadPoolExecutor:  # noqa: ARG001 (the key of a cache)
     """Threads of a process, which those that it forks do not have.
 
     Each is started when needed, and kept: a new one takes 0.1 ms, and has no memory at hand.

@@ -7,7 +7,7 @@ name, `--robot`, or any other end of the dotted name works if it is unambiguous.
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import Field, field, fields, make_dataclass
-from typing import Annotated, Any, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 
 import tyro
 
@@ -17,6 +17,9 @@ from .plants.world.config import PlantConfig
 from .plants.world.faults.kinds import Fault
 from .plants.world.faults.text import fault_text
 from .scenario import REGISTRY, Scenario, field_at, field_paths, same_end, with_fields
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 MAIN = {
     "identifier.law": "law",
@@ -36,7 +39,7 @@ _EXCITATION = """
 --excitation designed designs the motion first, --excitation designed:FOLDER takes one that
 `nsaid excite` has designed."""
 
-_Options = TypeVar("_Options")
+_Options = TypeVar("_Options", bound="DataclassInstance")
 
 
 def parse_scenario(

@@ -77,7 +77,10 @@ def _read(
         remedy = f"Convert it first: `xacro {path.name} > {path.stem}.urdf`."
         raise BadRobot(str(path), "", "it is a xacro template, not a URDF", remedy)
     compiled = path.suffix.lower() == ".mjb"
-    root, encoding = (None, []) if compiled else read_xml(path)
+    root = None
+    encoding: Sequence[Finding] = ()
+    if not compiled:
+        root, encoding = read_xml(path)
     if root is None or root.tag == "mujoco":
         from .mjcf import load_mjcf
 

@@ -81,7 +81,7 @@ def fix(files: Sequence[Path], text: str, robot: RobotModel) -> Fix:
             made = mended(made or _HEAD, own)
             mapping = map_of(tomllib.loads(made))
             current = inspect(read_tables(files, mapping), mapping, robot)
-        except InvalidInput as error:
+        except (InvalidInput, tomllib.TOMLDecodeError) as error:  # such as a table in one line
             return Fix(
                 text, changes | wanted, before, before, f"the map cannot be changed: {error}"
             )

@@ -18,7 +18,7 @@ import numpy as np
 
 from ...base import Finding
 from ...core import Array, Indices, number
-from ..logs.phases import Kind, Phase, phases_stated
+from ..logs.phases import Kind, LogPhase, phases_stated
 from ..logs.preparation import SHORTEST
 from ..logs.recordings import LogSegment, Recordings
 from ..logs.signals import runs
@@ -70,7 +70,7 @@ def foreign_phases(found: Identification) -> list[ForeignPhase]:
     if not (errors > _WELL).any():
         return []
     problem = found.fitted.problem
-    windows = _Windows(problem)
+    windows = _LogWindows(problem)
     foreign = windows.foreign(found.fitted.share, found.theta)
     if not foreign.any():
         return []
@@ -87,7 +87,7 @@ def foreign_in_validation(
     errors = [joint.validation or 0.0 for joint in found.joints]
     if validation is None or problem is None or not max(errors) > _WELL:
         return []
-    windows = _Windows(problem)
+    windows = _LogWindows(problem)
     foreign = windows.far_from(found.theta)
     named = _named(windows, foreign, validation) if foreign.any() else []
     return [each for each in named if each.kind != "contact"]
@@ -112,7 +112,7 @@ def unfiltered(found: Identification) -> list[Finding]:
     return [Finding(level, "short_stretch", "", text, remedy, data)]
 
 
-class _Windows:
+class _LogWindows:
     """The rows of a problem in windows of a quarter of a second."""
 
     def __init__(self, problem: FitProblem):
@@ -201,7 +201,7 @@ class _Windows:
         return found
 
 
-def _named(windows: _Windows, foreign: Mask, recordings: Recordings) -> list[ForeignPhase]:
+def _named(windows: _LogWindows, foreign: Mask, recordings: Recordings) -> list[ForeignPhase]:
     """The phases of windows, by what the commands do in them; only contacts that are plausible."""
     u = np.concatenate([segment.log.u for segment in recordings.segments])
     large = np.maximum(np.quantile(np.abs(u), 0.95, axis=0), 1e-300)
@@ -286,9 +286,9 @@ def _part(segment: LogSegment, a: int, b: int) -> LogSegment:
     return LogSegment(segment.log.part(a, b), segment.usable[a:b], segment.source, rows)
 
 
-def _divided(phases: Sequence[Phase], source: str, foreign: ForeignPhase) -> list[Phase]:
+def _divided(phases: Sequence[LogPhase], source: str, foreign: ForeignPhase) -> list[LogPhase]:
     """The phases of logs, of which one is divided by another within it."""
-    found: list[Phase] = []
+    found: list[LogPhase] = []
     for phase in phases:
         t = phase.log.t
         a, b = np.searchsorted(t, [foreign.start, foreign.end]).tolist()
@@ -297,7 +297,7 @@ def _divided(phases: Sequence[Phase], source: str, foreign: ForeignPhase) -> lis
             continue
         if a > 0:
             found.append(phase._replace(log=phase.log.part(0, a)))
-        found.append(Phase(foreign.kind, source, phase.log.part(a, b), _WHY[foreign.kind]))
+        found.append(LogPhase(foreign.kind, source, phase.log.part(a, b), _WHY[foreign.kind]))
         if b < len(t):
             found.append(phase._replace(log=phase.log.part(b, len(t))))
     return found

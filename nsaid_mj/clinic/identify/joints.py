@@ -113,9 +113,11 @@ class JointRows(Rows):
         self.system = unrolled(robot.system)
         law = recordings.feedback
         self._commands = [(s, smooth_commands(s, chosen, law)) for s in self.segments]
-        self._fed_back = 0.0
+        self._fed_back: Array | float = 0.0
         if law is not None:
-            self._fed_back = self.joined(lambda motion: fed_back(law, motion.q, motion.v))
+            self._fed_back = self.joined(
+                lambda motion: np.asarray(fed_back(law, motion.q, motion.v))
+            )
         self._entries: dict[Key, Array] = {}
         self.diagonal = Diagonal(self._fastened)
         self.loading = file_links(robot.model)

@@ -99,7 +99,9 @@ def _dry_mass(config: PlantConfig) -> float | None:
     from ...lab import VehiclePlant
 
     sheet = config.sheet.of(config.vehicle) if isinstance(config, VehiclePlant) else None
-    return float(sheet.mass) if getattr(sheet, "added_mass", None) is not None else None
+    if sheet is None or getattr(sheet, "added_mass", None) is None:
+        return None
+    return float(sheet.mass)
 
 
 def command_names(system: SecondOrderSystem) -> tuple[str, ...]:

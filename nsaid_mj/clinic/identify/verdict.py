@@ -20,7 +20,6 @@ CONTRADICTED = "contradicted"
 _CONFIRM = "Confirm it on a log of another motion: --validate."
 _GOOD = 0.2  # held-out NRMSE
 _FAIR = 0.5
-_ORDER: tuple[Explains, ...] = ("no", "partly", "yes")
 
 
 def verdict(
@@ -52,7 +51,7 @@ def verdict(
             f"hold{each}, {scale.bounds}."
         )
     if told or doubts or unfixed:
-        explains = min(explains, "partly", key=_ORDER.index)
+        explains = "no" if explains == "no" else "partly"
     remedy = next(_remedies(told, doubts, findings, scale), "")
     if explains == "yes" and all(joint.validation is None for joint in joints):
         remedy = _CONFIRM

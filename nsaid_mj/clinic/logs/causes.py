@@ -21,7 +21,7 @@ from ...base import Finding
 from ...core import Array, number
 from ...robots import RobotModel
 from .cleaning import Cleaned
-from .evidence import Motion, correlation, misfit, multiplied
+from .evidence import LogMotion, correlation, misfit, multiplied
 from .mapping import TIME
 from .remedies import remedy_of
 
@@ -54,7 +54,7 @@ class Cause(NamedTuple):
     code: str  # of the finding
     text: str  # what it says is wrong
     changes: dict[str, object]  # values of map.toml that mend it, by table and key
-    apply: Callable[[Motion], Motion]  # the motion as it would have been
+    apply: Callable[[LogMotion], LogMotion]  # the motion as it would have been
     name: str = ""  # the hypothesis in a few words, where it is not the likeliest
     handicap: float = 0.0  # added to the logarithm of its error
 
@@ -66,7 +66,7 @@ class Judged(NamedTuple):
     error: float  # geometric mean of the commands' relative errors, NaN without a model
 
 
-def ranked(causes: Sequence[Cause], motion: Motion, robot: RobotModel) -> list[Judged]:
+def ranked(causes: Sequence[Cause], motion: LogMotion, robot: RobotModel) -> list[Judged]:
     """The hypotheses, the likeliest first."""
     judged = [Judged(cause, misfit(robot, cause.apply(motion))) for cause in causes]
     return sorted(judged, key=_surprise)
@@ -97,8 +97,8 @@ def finding_of(judged: Sequence[Judged], where: str, data: dict[str, object]) ->
 
 
 def velocity_causes(
-    motion: Motion, robot: RobotModel, measured: Sequence[int]
-) -> tuple[list[Finding], Motion]:
+    motion: LogMotion, robot: RobotModel, measured: Sequence[int]
+) -> tuple[list[Finding], LogMotion]:
     """Contradictions of velocities and dq/dt, one finding for each cause, and the mended motion.
 
     `measured` are the joints with a velocity of their own that move.
@@ -135,7 +135,7 @@ def velocity_causes(
     return found, motion
 
 
-def _relation(motion: Motion) -> tuple[Array, Array]:
+def _relation(motion: LogMotion) -> tuple[Array, Array]:
     """(n,) correlations of dq/dt with velocities, and (n,) ratios of their standard deviations."""
     together = np.diag(correlation(motion.slopes, motion.v))
     sizes = [np.std(x, axis=0) for x in (motion.slopes, motion.v)]
@@ -173,7 +173,7 @@ def _common(factors: Array, measured: Sequence[int], group: Sequence[int]) -> bo
     return not right and 3 * len(group) >= 2 * len(measured)
 
 
-def _clocks_of_files(motion: Motion, measured: Sequence[int]) -> tuple[list[Finding], Motion]:
+def _clocks_of_files(motion: LogMotion, measured: Sequence[int]) -> tuple[list[Finding], LogMotion]:
     """Findings about files whose clock differs from that of others, and the mended motion."""
     files = list(dict.fromkeys(motion.file.tolist()))
     if len(files) < 2 or len(measured) < 2:
@@ -201,7 +201,7 @@ def _clocks_of_files(motion: Motion, measured: Sequence[int]) -> tuple[list[Find
 def clock_cause(factor: float, file: str = "") -> Cause:
     """A clock on which time passes too fast or too slowly, of all files or one."""
 
-    def apply(motion: Motion) -> Motion:
+    def apply(motion: LogMotion) -> LogMotion:
         rows = np.full(len(motion.q), not file) | (motion.file == file)
         scale = np.where(rows, factor, 1.0)[:, None]
         own = {"slopes": motion.slopes / scale, "a": motion.a / scale}
@@ -261,7 +261,7 @@ def _scales(
     return causes
 
 
-def _order(motion: Motion, measured: Sequence[int]) -> dict[int, int]:
+def _order(motion: LogMotion, measured: Sequence[int]) -> dict[int, int]:
     """The joint whose velocity is that of each position: itself unless others fit far better."""
     joints = list(measured)
     own = {j: j for j in joints}
@@ -300,7 +300,7 @@ def _orders(robot: RobotModel, moved: Sequence[int], order: dict[int, int]) -> l
         if what == "position":
             pairs = {i: j for j, i in pairs.items()}
 
-        def apply(motion: Motion, what: str = what, pairs: dict[int, int] = pairs) -> Motion:
+        def apply(motion: LogMotion, what: str = what, pairs: dict[int, int] = pairs) -> LogMotion:
             index = np.array([pairs.get(j, j) for j in range(motion.v.shape[1])])
             if what == "position":
                 return replace(motion, q=motion.q[:, index], slopes=motion.slopes[:, index])
@@ -347,7 +347,8 @@ def gross_clock(cleaned: Sequence[Cleaned], findings: Sequence[Finding]) -> Find
         for position, velocity in zip(log.made.positions, log.made.velocities, strict=False):
             if position is None or velocity is None or log.made.vehicle is not None:
                 continue
-            q, v = log.of(position), log.of(velocity)
+            q = log.of(position)
+            v = log.of(velocity)
             path = scipy.integrate.cumulative_trapezoid(np.interp(q.t, v.t, v.x), q.t, initial=0.0)
             step = max(5, len(q.t) // _WINDOWS)
             moved = np.column_stack([x[step:] - x[:-step] for x in (q.x, path)])

@@ -13,7 +13,7 @@ from ...core import Array, number, positions, rounded, slides
 from ...robots import RobotModel
 from .causes import CLEAR, DEGREES, velocity_causes
 from .command_causes import command_causes
-from .evidence import Motion, limits, misfit, motion_of, scaled
+from .evidence import LogMotion, limits, misfit, motion_of, scaled
 from .frames import frame_causes
 from .recordings import Recordings
 from .remedies import remedy_of
@@ -200,7 +200,7 @@ def beyond_limits(q: Array, speeds: Array, robot: RobotModel) -> list[Finding]:
 
 
 def in_degrees(
-    found: list[Finding], robot: RobotModel, measured: Sequence[int], motion: Motion
+    found: list[Finding], robot: RobotModel, measured: Sequence[int], motion: LogMotion
 ) -> list[Finding]:
     """Findings of `beyond_limits`, with one in place of those that take positions for degrees.
 
@@ -251,7 +251,7 @@ def _widths(found: Finding) -> float:
     return float(most - least) / min(high - low, 2 * np.pi)
 
 
-def _large_commands(motion: Motion, recordings: Recordings, robot: RobotModel) -> list[Finding]:
+def _large_commands(motion: LogMotion, recordings: Recordings, robot: RobotModel) -> list[Finding]:
     """Commands far larger than the model's torques make plausible."""
     model = robot.model
     data = robot.model.createData()

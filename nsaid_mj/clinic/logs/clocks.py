@@ -235,7 +235,10 @@ def _unseen(shift: Array, period: float) -> np.ndarray:
 
 def _roughness(t: Array, x: Array) -> float:
     """Root median square of x (N,) off the cubic through two rows on either side."""
-    a, b, c, d = t[:-4], t[1:-3], t[3:-1], t[4:]
+    a = t[:-4]
+    b = t[1:-3]
+    c = t[3:-1]
+    d = t[4:]
     s = t[2:-2]
     with np.errstate(divide="ignore", invalid="ignore"):
         guess = (

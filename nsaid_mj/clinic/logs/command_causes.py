@@ -16,7 +16,7 @@ from .evidence import (
     DELAYS,
     EXACT,
     Explained,
-    Motion,
+    LogMotion,
     columns_of,
     driven_joints,
     forces_of,
@@ -45,7 +45,7 @@ _NEVER = 20.0  # such a handicap that excludes the other sign
 _OTHER_BASES = np.array([[0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, -1.0]])
 
 
-def command_causes(motion: Motion, robot: RobotModel) -> list[Finding]:
+def command_causes(motion: LogMotion, robot: RobotModel) -> list[Finding]:
     """Commands in another order, axes or commands of the wrong sign, a base in another pose.
 
     All joints are judged at once; each cause is one finding.
@@ -64,7 +64,7 @@ def command_causes(motion: Motion, robot: RobotModel) -> list[Finding]:
     return found
 
 
-def _errors(motion: Motion, j: int, forces: tuple[Array, Array], u: Sequence[Array]):
+def _errors(motion: LogMotion, j: int, forces: tuple[Array, Array], u: Sequence[Array]):
     """Errors of commands u of a joint and of −u, three times (3, 2).
 
     Weight, inertia and friction act with the signs of the model; weight has any sign; weight and
@@ -81,7 +81,7 @@ def _errors(motion: Motion, j: int, forces: tuple[Array, Array], u: Sequence[Arr
     return np.array([[min(m.error(x, sign) for x in u) for sign in (1, -1)] for m in models])
 
 
-def _order_of_commands(motion: Motion, robot: RobotModel) -> dict[int, int]:
+def _order_of_commands(motion: LogMotion, robot: RobotModel) -> dict[int, int]:
     """The joint to whose column each driven joint's command belongs: mostly its own."""
     joints = driven_joints(robot, motion)
     rows, few = thinned(motion)
@@ -104,8 +104,8 @@ def _order_of_commands(motion: Motion, robot: RobotModel) -> dict[int, int]:
 
 
 def _swapped(
-    motion: Motion, robot: RobotModel, moved: Sequence[int], order: dict[int, int]
-) -> tuple[Finding, Motion]:
+    motion: LogMotion, robot: RobotModel, moved: Sequence[int], order: dict[int, int]
+) -> tuple[Finding, LogMotion]:
     """The finding of commands that explain another joint's motion, and the motion with them."""
     names = {robot.joints[j]: robot.joints[order[j]] for j in moved}
     words = ", ".join(f"{joint} the command of {other}" for joint, other in names.items())
@@ -123,7 +123,7 @@ def _swapped(
     return Finding("refusal", "swapped", ", ".join(names), text, remedy, data), mended
 
 
-def _turned(motion: Motion, robot: RobotModel) -> tuple[list[Finding], Motion]:
+def _turned(motion: LogMotion, robot: RobotModel) -> tuple[list[Finding], LogMotion]:
     """Axes that count against the model's, or a base in another pose, where the model does not fit.
 
     The axes are turned one after another, while the commands, of any sign, fit far better.
@@ -185,7 +185,7 @@ def _turned(motion: Motion, robot: RobotModel) -> tuple[list[Finding], Motion]:
     return [finding], own
 
 
-def _best_clock(robot: RobotModel, motion: Motion) -> tuple[float, float]:
+def _best_clock(robot: RobotModel, motion: LogMotion) -> tuple[float, float]:
     """The least error of the commands with all times multiplied, and this number.
 
     Weight does not depend on the clock, inertia does by its square.
@@ -208,7 +208,7 @@ def _best_clock(robot: RobotModel, motion: Motion) -> tuple[float, float]:
     return float(found.fun), scale
 
 
-def _starts(robot: RobotModel, motion: Motion) -> list[list[int]]:
+def _starts(robot: RobotModel, motion: LogMotion) -> list[list[int]]:
     """Sets of axes from which a search for those that are turned begins."""
     low = motion.q.min(axis=0)
     high = motion.q.max(axis=0)
@@ -222,7 +222,7 @@ def _starts(robot: RobotModel, motion: Motion) -> list[list[int]]:
 
 
 def _with_axes(
-    robot: RobotModel, motion: Motion, start: list[int], n: int
+    robot: RobotModel, motion: LogMotion, start: list[int], n: int
 ) -> tuple[float, list[int]]:
     """The least error with axes turned, one more or less at a time, and these axes."""
     turned = list(start)
@@ -242,7 +242,7 @@ def _with_axes(
     return best, turned
 
 
-def _outside(robot: RobotModel, motion: Motion) -> int:
+def _outside(robot: RobotModel, motion: LogMotion) -> int:
     """Number of joints that leave their limits by more than a twentieth of their range."""
     found = 0
     for j, name in enumerate(robot.joints):
@@ -254,7 +254,7 @@ def _outside(robot: RobotModel, motion: Motion) -> int:
     return found
 
 
-def _mirrored(motion: Motion, joints: Sequence[int]) -> Motion:
+def _mirrored(motion: LogMotion, joints: Sequence[int]) -> LogMotion:
     """The motion with the axes of some joints reversed."""
     return scaled(joints, -1.0, motion)
 
@@ -263,7 +263,7 @@ def _weight(robot: RobotModel) -> float:
     return float(np.linalg.norm(robot.model.gravity.linear))
 
 
-def _wrong_signs(motion: Motion, robot: RobotModel) -> list[int]:
+def _wrong_signs(motion: LogMotion, robot: RobotModel) -> list[int]:
     """Joints whose command has the wrong sign.
 
     A sign is clear where the model explains one and not the other, and where friction and inertia
@@ -293,7 +293,7 @@ def _wrong_signs(motion: Motion, robot: RobotModel) -> list[int]:
     return sorted(clear + likely)
 
 
-def _reversed(motion: Motion, robot: RobotModel) -> list[Finding]:
+def _reversed(motion: LogMotion, robot: RobotModel) -> list[Finding]:
     """One finding about all commands of the wrong sign."""
     joints = driven_joints(robot, motion)
     if differing := _reversed_in_files(motion, robot):
@@ -319,7 +319,7 @@ def _reversed(motion: Motion, robot: RobotModel) -> list[Finding]:
     return [Finding("refusal", "reversed_sign", where, text, remedy_of(changes), data)]
 
 
-def _reversed_in_files(motion: Motion, robot: RobotModel) -> list[Finding]:
+def _reversed_in_files(motion: LogMotion, robot: RobotModel) -> list[Finding]:
     """Findings about files in which commands have another sign than in the others."""
     files = list(dict.fromkeys(motion.file.tolist()))
     if len(files) < 2:

@@ -22,7 +22,7 @@ _PARSIMONY = 0.4  # handicap [log of the error] of a command of the other sign
 
 
 @dataclass(frozen=True)
-class Motion:
+class LogMotion:
     """All segments in one piece, low-passed alike.
 
     Attributes:
@@ -47,13 +47,13 @@ class Motion:
     segment: np.ndarray
     rate: float
 
-    def part(self, rows: np.ndarray) -> Motion:
+    def part(self, rows: np.ndarray) -> LogMotion:
         """The motion of some rows, as a mask or a slice."""
         own = {k: x[rows] for k, x in vars(self).items() if k != "rate"}
         return replace(self, **own)
 
 
-def motion_of(recordings: Recordings, scale: float = 4.0) -> Motion:
+def motion_of(recordings: Recordings, scale: float = 4.0) -> LogMotion:
     """The motion, filtered at a multiple of the frequency of the positions themselves.
 
     The band follows the log's own clock, right or wrong. `scale` is the multiple.
@@ -69,7 +69,7 @@ def motion_of(recordings: Recordings, scale: float = 4.0) -> Motion:
         a = np.gradient(soft[1], 1 / rate, axis=0)
         of = np.full(len(q), segment.source), np.full(len(q), number_)
         parts.append((q, *soft[:2], a, soft[2], segment.usable, *of))
-    return Motion(*(np.concatenate(part) for part in zip(*parts, strict=True)), rate)
+    return LogMotion(*(np.concatenate(part) for part in zip(*parts, strict=True)), rate=rate)
 
 
 def _longest(logs: Sequence[Any]) -> float:
@@ -103,10 +103,10 @@ def limits(robot: RobotModel, name: str) -> tuple[float, float, float]:
     )
 
 
-def multiplied(what: str, joints: Sequence[int], factor: float) -> Callable[[Motion], Motion]:
+def multiplied(what: str, joints: Sequence[int], factor: float) -> Callable[[LogMotion], LogMotion]:
     """The motion with positions or velocities of some joints multiplied by a factor."""
 
-    def apply(motion: Motion) -> Motion:
+    def apply(motion: LogMotion) -> LogMotion:
         scale = np.ones(motion.v.shape[1])
         scale[list(joints)] = factor
         if what == "position":
@@ -116,7 +116,7 @@ def multiplied(what: str, joints: Sequence[int], factor: float) -> Callable[[Mot
     return apply
 
 
-def scaled(joints: Sequence[int], factor: float, motion: Motion) -> Motion:
+def scaled(joints: Sequence[int], factor: float, motion: LogMotion) -> LogMotion:
     """The motion with positions and velocities of some joints multiplied by a factor."""
     return multiplied("position", joints, factor)(multiplied("velocity", joints, factor)(motion))
 
@@ -131,7 +131,7 @@ def correlation(a: Array, b: Array) -> Array:
 
 
 def forces_of(
-    robot: RobotModel, motion: Motion, gravity: Array | None = None
+    robot: RobotModel, motion: LogMotion, gravity: Array | None = None
 ) -> tuple[Array, Array]:
     """(N, n) weight and (N, n) inertial forces of the model's links along a motion."""
     model = robot.model
@@ -148,20 +148,20 @@ def forces_of(
     return weight, whole - weight
 
 
-def thinned(motion: Motion) -> tuple[np.ndarray, Motion]:
+def thinned(motion: LogMotion) -> tuple[np.ndarray, LogMotion]:
     """At most so many rows that the model's forces take little time, and their motion."""
     rows = np.arange(0, len(motion.q), max(1, len(motion.q) // _ROWS))
     return rows, motion.part(rows)
 
 
-def late(motion: Motion, joint: int, delay: float, rows: np.ndarray) -> Array:
+def late(motion: LogMotion, joint: int, delay: float, rows: np.ndarray) -> Array:
     """Commands (k,) of a joint that act after a delay [s], at some rows (k,)."""
     before = np.maximum(rows - round(delay * motion.rate), 0)
     before = np.where(motion.segment[before] == motion.segment[rows], before, rows)
     return np.asarray(motion.u[before, joint])
 
 
-def columns_of(motion: Motion, joint: int) -> list[Array]:
+def columns_of(motion: LogMotion, joint: int) -> list[Array]:
     """Acceleration, velocity and direction (N,) of a joint: rotor and friction."""
     v = motion.v[:, joint]
     size = max(float(np.sqrt(np.mean(v**2))), 1e-12)
@@ -188,7 +188,7 @@ class Explained:
         return float(np.sqrt(max(1 - along @ along + left**2, 0.0)))
 
 
-def driven_joints(robot: RobotModel, motion: Motion) -> list[int]:
+def driven_joints(robot: RobotModel, motion: LogMotion) -> list[int]:
     """Joints with a motor, a command that changes, and enough rows."""
     return [
         j
@@ -201,7 +201,7 @@ def driven_joints(robot: RobotModel, motion: Motion) -> list[int]:
 
 def misfit(
     robot: RobotModel,
-    motion: Motion,
+    motion: LogMotion,
     handicap: float = _PARSIMONY,
     gravity: Array | None = None,
 ) -> float:

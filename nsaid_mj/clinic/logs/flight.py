@@ -157,8 +157,9 @@ def _ardusub(
         reversed_ones = []
         for (motor, side), channel in zip(found, channels, strict=True):
             stated = values_of(f"PARM/MOT_{motor + 1}_DIRECTION", tables)
-            sign = side * (-1 if len(stated) and stated[-1] < 0 else 1)
-            reversed_ones += [motor + 1] if sign != side else []
+            turned = len(stated) > 0 and stated[-1] < 0
+            sign = 1 if (side > 0) != turned else -1
+            reversed_ones += [motor + 1] if turned else []
             share = 1 / _FULL
             columns.append(
                 ColumnMap(column=channel, sign=sign, ratio=share, offset=-sign * share * _NEUTRAL)

@@ -35,7 +35,7 @@ _ROWS = 4000  # at most, for the sheet's forces
 _DRIVES = 0.6  # ratio of the errors of the sheet's forces below which other axes are certain
 
 
-class Part(NamedTuple):
+class TwistPart(NamedTuple):
     """A measured velocity, and what it might be."""
 
     name: str  # `linear` or `angular`
@@ -47,7 +47,7 @@ class Part(NamedTuple):
 class Match(NamedTuple):
     """A base with its axes turned, as a velocity that was measured."""
 
-    part: Part
+    part: TwistPart
     base: str
     turn: Array  # (k, k) signed permutation: measured = turn · base
     scale: float  # size of the base over that measured
@@ -132,7 +132,7 @@ def _poses(q: Array, vehicle: Vehicle | None) -> Iterator[Pose]:
         yield Pose(" and ".join(words), changes, own, _CHANGED * len(changes))
 
 
-def _parts(q: Array, v: Array, rate: float, vehicle: Vehicle | None) -> list[Part]:
+def _parts(q: Array, v: Array, rate: float, vehicle: Vehicle | None) -> list[TwistPart]:
     """Measured velocities and those from the pose, all low-passed alike."""
     flat = q.shape[1] == 3
     count = 2 if flat else 3
@@ -152,11 +152,11 @@ def _parts(q: Array, v: Array, rate: float, vehicle: Vehicle | None) -> list[Par
         if not flat:
             turns = Rotation.from_quat(q[:, 3:]).inv()
             bases["other world"] = turns.apply(around @ NED.T)
-        parts.append(Part("linear", slow[:, :count], bases, weights[:count]))
+        parts.append(TwistPart("linear", slow[:, :count], bases, weights[:count]))
     bases = {"body": soft[:, count:]}
     if not flat:
         bases["world"] = Rotation.from_quat(q[:, 3:]).apply(soft[:, count:])
-    parts.append(Part("angular", slow[:, count:], bases, weights[count:]))
+    parts.append(TwistPart("angular", slow[:, count:], bases, weights[count:]))
     return parts
 
 
@@ -169,12 +169,12 @@ def _frequency(x: Array, rate: float) -> float:
     return float(max(np.median(bins), 1) * rate / len(x))
 
 
-def _as_is(part: Part) -> Match:
+def _as_is(part: TwistPart) -> Match:
     """A velocity along the axes that the map states."""
     return _match(part, "body", np.eye(part.measured.shape[1]))
 
 
-def _match(part: Part, base: str, turn: Array) -> Match:
+def _match(part: TwistPart, base: str, turn: Array) -> Match:
     other = part.bases[base]
     size = [float(np.sqrt(np.mean(x**2))) for x in (part.measured, other)]
     scale = size[1] / max(size[0], 1e-300)
@@ -188,7 +188,7 @@ def _match(part: Part, base: str, turn: Array) -> Match:
     )
 
 
-def _best(part: Part) -> Match:
+def _best(part: TwistPart) -> Match:
     """The axes in which a velocity follows best from the pose."""
     k = part.measured.shape[1]
     matches = []
@@ -216,9 +216,9 @@ def _turned(
     frames = [np.array_equal(m.turn, FRD) and m.base == "body" for m in matches]
     together = len(frames) == 2 and all(frames)
     if together:
-        given, other = ("ENU/FLU", "NED/FRD")
+        other = "NED/FRD"
         if vehicle is not None and vehicle.frame == other:
-            given, other = (other, given)
+            other = "ENU/FLU"
         if whose == "pose":
             words.append(f"the pose is in {other} axes, which both velocities are not")
             changes["vehicle.frame"] = other
@@ -404,6 +404,7 @@ def _balance(robot: RobotModel, q: Array, v: Array, u: Array, rate: float) -> fl
     W = system.regressor(np.arange(len(q)) / rate, x, slow, a, u)
     acting = np.zeros(len(space), bool)
     acting[space.actuators] = True
+    assert robot.prior is not None  # every vehicle has one
     forces = [signals.low_pass(W[:, :, own] @ robot.prior[own], cut) for own in (acting, ~acting)]
     sizes = [np.sqrt(np.mean(x**2, axis=0)) for x in forces]
     moved = sizes[0] > 0.02 * sizes[0].max()

@@ -194,7 +194,7 @@ def layout(
         pd=pd,
         led=robot if robot.coupling else None,
     )
-    if robot.coupling is not None:
+    if robot.coupling is not None and made.coupling is not None:
         made = made._replace(coupling=robot.coupling.ratio @ made.coupling)
     return _existing(made, channels)
 

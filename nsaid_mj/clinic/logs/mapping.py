@@ -345,7 +345,7 @@ class Factors:
 
 
 @config
-class Order:
+class ColumnOrder:
     """Joints whose columns are swapped: by joint, the one to which its column was assigned."""
 
     position: dict[str, str] = field(default_factory=dict)
@@ -427,7 +427,7 @@ class Map:
         default_factory=MotorCoupling
     )  # coupling of the joints with their motors
     factors: Factors = field(default_factory=Factors)  # of whole logs
-    order: Order = field(default_factory=Order)  # of columns that are swapped
+    order: ColumnOrder = field(default_factory=ColumnOrder)  # of columns that are swapped
     vehicle: Vehicle | None = None  # pose and twist, for a vehicle instead of joints
     # commands of a vehicle by the names of its actuators
     actuators: dict[str, ColumnMap] = field(default_factory=dict)

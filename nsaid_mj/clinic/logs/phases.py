@@ -55,7 +55,7 @@ _FAST = 0.98  # quantiles of what is large
 _LARGEST = 0.995
 
 
-class Phase(NamedTuple):
+class LogPhase(NamedTuple):
     """A stretch of a log in which one structure can hold, or cannot."""
 
     kind: Kind
@@ -156,7 +156,7 @@ class _Parts(NamedTuple):
 
 def phases(
     log: Log, source: str, robot: RobotModel, events: Sequence[Event], detect: bool = True
-) -> list[Phase]:
+) -> list[LogPhase]:
     """The phases of a stretch of a log without gaps, in order of time.
 
     Those of a tree of joints, whose rows at rest are left out joint by joint, follow from events
@@ -178,7 +178,9 @@ def phases(
     edges = [0, *(np.flatnonzero(kinds[1:] != kinds[:-1]) + 1).tolist(), len(kinds)]
     for a, b in itertools.pairwise(edges):
         last = first[b] if b < len(first) else len(log.t)
-        found.append(Phase(kinds[a], source, log.part(first[a], last), reasons.get(kinds[a], "")))
+        found.append(
+            LogPhase(kinds[a], source, log.part(first[a], last), reasons.get(kinds[a], ""))
+        )
     return found
 
 
@@ -327,7 +329,7 @@ def _with_impacts(kinds: np.ndarray, parts: _Parts, reasons: dict[str, str]) -> 
     return found
 
 
-def parts_in_words(found: Sequence[Phase]) -> str:
+def parts_in_words(found: Sequence[LogPhase]) -> str:
     """The part of the logs of which a result speaks, in a sentence; "" if it is the whole."""
     out: dict[str, float] = {}
     for phase in found:
@@ -341,7 +343,7 @@ def parts_in_words(found: Sequence[Phase]) -> str:
     return f"This is said of {used} of {total} s of the log; left out: {each}."
 
 
-def phases_stated(found: Sequence[Phase], level: Literal["note", "warning"]) -> list[Finding]:
+def phases_stated(found: Sequence[LogPhase], level: Literal["note", "warning"]) -> list[Finding]:
     """The finding about phases that take no part in the fit; none if all do."""
     out = [phase for phase in found if not phase.used]
     if not out:

@@ -25,7 +25,7 @@ from .cleaning import (
 from .layout import ChannelSource, Layout, apart, layout, pose_velocity, with_angles
 from .mapping import Map
 from .pd_law import held_mean
-from .phases import Phase, events_of, phases, phases_stated
+from .phases import LogPhase, events_of, phases, phases_stated
 from .recordings import LogSegment, Recordings
 from .tables import LogTable, join, values_of
 from .unusable import UnusableLog
@@ -87,7 +87,7 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
         raise UnusableLog((*findings, clock))
     rate = _rate(cleaned, findings)
     segments: list[LogSegment] = []
-    seen: list[Phase] = []
+    seen: list[LogPhase] = []
     for log in cleaned:
         own, parts = _segments(log, mapping, robot, rate, findings, short)
         segments += own
@@ -222,7 +222,7 @@ def _segments(
     rate: float,
     findings: list[Finding],
     short: list[ShortStretch],
-) -> tuple[list[LogSegment], list[Phase]]:
+) -> tuple[list[LogSegment], list[LogPhase]]:
     """The segments of a log on the grid, and the phases that they are cut from."""
     made = log.made
     source = log.source
@@ -232,7 +232,7 @@ def _segments(
         text = f"velocities are derived from positions up to {signals.bandwidth(rate):g} Hz"
         missing = [j for j, v in zip(robot.leaders, made.velocities, strict=False) if v is None]
         findings.append(Finding("note", "differentiated", source, text, data={"joints": missing}))
-    seen: list[Phase] = []
+    seen: list[LogPhase] = []
     for start, end in _stretches(log, findings, short):
         first = reference.t[np.searchsorted(reference.t, start)]
         grid = first + np.arange(int((end - first) * rate + 1e-6) + 1) / rate
@@ -312,9 +312,11 @@ def _by_pd(grid: Array, log: Cleaned, q: Array, v: Array) -> Array:
         held = [held_mean(log.of(s), grid) + s.column.zero if s else 0.0 * grid for s in sources]
         return np.column_stack(held)
 
-    parts = (on_grid(sources) for sources in (log.made.commands, law.velocities, law.forward))
+    targets = on_grid(log.made.commands)
+    rates = on_grid(law.velocities)
+    forward = on_grid(law.forward)
     own = slice(None) if log.made.led is None else list(log.made.led.independent)
-    u = law.commands(*parts, q[:, own], v[:, own])
+    u = law.commands(targets, rates, forward, q[:, own], v[:, own])
     return log.made.on_leaders(u * [source is not None for source in log.made.commands])
 
 

@@ -10,7 +10,7 @@ from ...base import Finding
 from ...core import Log
 from ...robots import RobotModel
 from .mapping import Vehicle
-from .phases import Phase
+from .phases import LogPhase
 
 
 class LogSegment(NamedTuple):
@@ -37,7 +37,7 @@ class Recordings:
     command_units: tuple[str, ...]
     findings: tuple[Finding, ...] = ()  # how the data were processed, and what was noticed
     vehicle: Vehicle | None = None  # how pose and twist were read; None for joints
-    phases: tuple[Phase, ...] = ()  # of all logs, those left out as well; none if not prepared
+    phases: tuple[LogPhase, ...] = ()  # of all logs, those left out as well; none if not prepared
     # (2, n) gains of the measured positions and velocities in the commands, of motors under a PD
     # law: they act at once, while what else the commands hold may act late; None without feedback
     feedback: NDArray[np.float64] | None = None

@@ -53,11 +53,18 @@ def _with_line(text: str, table: str, key: str, line: str) -> str:
     start = next((k for k, one in enumerate(lines) if header.fullmatch(one)), None)
     if start is None:
         return "\n".join([*lines, "", f"[{table}]", line]) + "\n"
-    end = next(
-        (k for k in range(start + 1, len(lines)) if re.match(r"\s*\[", lines[k])), len(lines)
-    )
+    another = re.compile(r"\s*\[[^\[\],]+\]\s*(#.*)?")  # a table's header, not a row of numbers
+    end = next((k for k in range(start + 1, len(lines)) if another.fullmatch(lines[k])), len(lines))
     own = re.compile(rf"\s*{re.escape(_key(key))}\s*=")
-    kept = [one for one in lines[start + 1 : end] if not own.match(one)]
+    kept: list[str] = []
+    depth = 0  # of the brackets of a value that is being left out: it may have several lines
+    for one in lines[start + 1 : end]:
+        leaves = depth > 0 or own.match(one) is not None
+        if not leaves:
+            kept.append(one)
+            continue
+        plain = re.sub(r'"[^"]*"|#.*', "", one)
+        depth += sum(plain.count(x) for x in "[{") - sum(plain.count(x) for x in "]}")
     return "\n".join([*lines[: start + 1], line, *kept, *lines[end:]]) + "\n"
 
 
@@ -110,11 +117,9 @@ def _parts_of(table: str) -> list[str]:
 def _times(given: Any, value: Any) -> Any:
     """The product of two factors; a unit replaces a factor; by joint where one of them is."""
     if isinstance(given, Mapping) or isinstance(value, Mapping):
-        parts = [dict(x) if isinstance(x, Mapping) else None for x in (given, value)]
-        if None in parts:
+        if not (isinstance(given, Mapping) and isinstance(value, Mapping)):
             return value
-        own, new = parts
-        return own | {k: _times(own[k], x) if k in own else x for k, x in new.items()}
+        return {**given} | {k: _times(given[k], x) if k in given else x for k, x in value.items()}
     if isinstance(given, str) or isinstance(value, str):
         return value
     return given * value

@@ -132,7 +132,8 @@ def parameters(k: int, joint: JointEstimate, scale: MassScale | None) -> tuple[P
         if half > 1.0 and short != "kp":
             low = 0.0  # the motion is linear in all but kp, and hardly differs without it
         if half >= _WIDEST:
-            low, high = 0.0, np.inf
+            low = 0.0
+            high = np.inf
         about = f"{short}_{k}", f"{label} of {joint.name}", "servo", units[joint.slides]
         found.append(Parameter(*about, value, low, high, np.nan, status, combination))
     return tuple(found)

@@ -126,5 +126,5 @@ def test_stretches_shorter_than_the_filter_are_counted(tmp_path):
 def test_a_good_fit_is_not_searched(tmp_path, monkeypatch):
     found = identified(file(tmp_path, lambda u: u))
     good = replace(found, joints=tuple(replace(j, held_out=0.01) for j in found.joints))
-    monkeypatch.setattr("nsaid_mj.clinic.identify.foreign_phases._Windows", None)
+    monkeypatch.setattr("nsaid_mj.clinic.identify.foreign_phases._LogWindows", None)
     assert foreign_phases(good) == []

@@ -7,7 +7,7 @@ from scipy.signal import lfilter
 from nsaid_mj.clinic.identify.choose.clocks import clock_offset
 from nsaid_mj.clinic.identify.choose.columns import BASIC, BROAD, FALLEN, Choice
 from nsaid_mj.clinic.identify.choose.cutoff import flat_range, middle_of, trials
-from nsaid_mj.clinic.identify.choose.held_out import Contest, Shape, held_out_errors, shapes
+from nsaid_mj.clinic.identify.choose.held_out import Contest, FrictionShape, held_out_errors, shapes
 from nsaid_mj.clinic.identify.choose.timing import Timing, search
 from nsaid_mj.clinic.identify.identify import identify_forces
 from nsaid_mj.clinic.identify.result import Identification
@@ -107,7 +107,7 @@ def test_a_contest_has_the_errors_of_regression():
     names = [BASIC, BASIC | {"stribeck"}, BASIC | {"load", "quadratic", "cubic"}]
     contest = Contest(rows, choice, 1, u)
     for own in names:
-        shape = Shape(own - {"rotor", "viscous"}, 4, FALLEN)
+        shape = FrictionShape(own - {"rotor", "viscous"}, 4, FALLEN)
         found = contest.errors([shape])[0]
         used = choice.with_joint(1, own, 4, FALLEN)
         for d in (0, 1):
@@ -117,7 +117,7 @@ def test_a_contest_has_the_errors_of_regression():
 
 
 def test_stribeck_friction_falls_above_the_speed_of_dry_friction():
-    tried = shapes(frozenset({"coulomb", "stribeck"}), Shape(frozenset(), BROAD, FALLEN))
+    tried = shapes(frozenset({"coulomb", "stribeck"}), FrictionShape(frozenset(), BROAD, FALLEN))
     assert len(tried) == len(set(tried)) > 20
     assert len(shapes(frozenset(), tried[0])) == 1
 

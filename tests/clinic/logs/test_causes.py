@@ -11,6 +11,7 @@ import pinocchio as pin
 import pytest
 
 from nsaid_mj.base.findings import Finding
+from nsaid_mj.clinic.identify.fixing import fix
 from nsaid_mj.clinic.logs.checks import checks
 from nsaid_mj.clinic.logs.clocks import regular
 from nsaid_mj.clinic.logs.mapping import Map, map_of
@@ -18,7 +19,7 @@ from nsaid_mj.clinic.logs.preparation import prepare
 from nsaid_mj.clinic.logs.remedies import composed, mended, remedies
 from nsaid_mj.clinic.logs.tables import Channel, LogTable
 from nsaid_mj.clinic.logs.unusable import UnusableLog
-from tests.support.robot_logs import two_joints
+from tests.support.robot_logs import two_joints, write_csv
 
 NAMES = ("shoulder", "elbow", "wrist")
 Table = dict[str, np.ndarray]
@@ -156,6 +157,23 @@ def test_files_with_other_clocks_signs_or_dead_commands_are_named():
     assert (dead.code, dead.where, dead.data["joint"]) == ("dead_channel", "log_2.csv", "elbow")
     (sign,) = _findings(None, one, _times(other, -1.0, "tau1", "tau2", "tau3"))
     assert (sign.code, sign.where) == ("reversed_sign", "log_2.csv")
+
+
+def test_a_value_of_several_lines_is_replaced_as_a_whole():
+    text = '[vehicle]\nangular = [\n  "p", # roll\n  "q",\n  "r",\n]\norder = "xyzw"\n'
+    text += '[time]\nunit = "ms"\n'
+    new = tomllib.loads(mended(text, {"vehicle.angular": ["-p", "q", "-r"]}))
+    assert new["vehicle"] == {"angular": ["-p", "q", "-r"], "order": "xyzw"}
+    assert new["time"] == {"unit": "ms"}
+
+
+def test_a_map_that_cannot_be_changed_is_kept_and_said(tmp_path):
+    """A table in one line has no room for a further one."""
+    table = dict(_healthy(0))
+    table["t"] = table["t"] / 2
+    log = write_csv(tmp_path / "log.csv", table)
+    tried = fix([log], 'time = { unit = "s" }\n', two_joints(NAMES))
+    assert tried.changes and not tried.kept and "cannot be changed" in tried.withdrawn
 
 
 def test_remedies_add_to_what_a_map_states():

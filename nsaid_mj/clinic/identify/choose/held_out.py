@@ -28,7 +28,7 @@ SHAPES = ("coulomb", "stribeck", "load", "quadratic", "cubic")
 """The columns of a joint's friction that compete with each other, and with its delay."""
 
 
-class Shape(NamedTuple):
+class FrictionShape(NamedTuple):
     """Friction of a joint."""
 
     names: frozenset[str]  # of `SHAPES`
@@ -36,7 +36,7 @@ class Shape(NamedTuple):
     fall: int  # index of f in `FALLS`
 
 
-def shapes(names: frozenset[str], usual: Shape) -> list[Shape]:
+def shapes(names: frozenset[str], usual: FrictionShape) -> list[FrictionShape]:
     """Friction of these columns at all speeds on which they depend, else at those of `usual`.
 
     Stribeck friction falls at a higher speed than that at which dry friction changes its sign;
@@ -47,7 +47,7 @@ def shapes(names: frozenset[str], usual: Shape) -> list[Shape]:
     falls = range(len(FALLS)) if "stribeck" in names else [usual.fall]
     pairs = itertools.product(speeds, falls)
     slow = "stribeck" in names
-    return [Shape(names, s, f) for s, f in pairs if not slow or FALLS[f] > SPEEDS[s]]
+    return [FrictionShape(names, s, f) for s, f in pairs if not slow or FALLS[f] > SPEEDS[s]]
 
 
 class Contest:
@@ -92,7 +92,7 @@ class Contest:
             off = theirs - own @ solved
             self._parts.append((left, off.T @ off / len(part)))
 
-    def errors(self, tried: Sequence[Shape]) -> Array:
+    def errors(self, tried: Sequence[FrictionShape]) -> Array:
         """(S, D, 5) held-out rms of the command over its standard deviation, of S shapes.
 
         Infinite for shapes that would have to decrease dry friction, and for a joint that hardly
@@ -108,7 +108,7 @@ class Contest:
             own = [k for k, m in enumerate(members) if len(m) == count]
             at = np.array([members[k] for k in own], dtype=np.intp).reshape(len(own), count)
             pairs = at[:, :, None], at[:, None, :]
-            mean = 0.0
+            mean = np.zeros((len(own), count, found.shape[1]))
             for fold, (left, off) in enumerate(self._parts):
                 beta = np.linalg.solve(left[pairs], left[:, first:][at])
                 square = np.diag(off)[first:] - 2 * np.einsum(
@@ -120,7 +120,7 @@ class Contest:
             found[own] = np.where(self._possible(tried, own, mean)[:, :, None], found[own], np.inf)
         return found
 
-    def _members(self, shape: Shape) -> list[int]:
+    def _members(self, shape: FrictionShape) -> list[int]:
         """Places of a shape's columns, the first that of Coulomb friction if it has it."""
         keys: list[tuple[str | int, ...]] = []
         for name in SHAPES:
@@ -130,7 +130,7 @@ class Contest:
                 keys.append((name, *one, *two))
         return [self._at[key] for key in keys]
 
-    def _possible(self, tried: Sequence[Shape], own: list[int], beta: Array) -> Array:
+    def _possible(self, tried: Sequence[FrictionShape], own: list[int], beta: Array) -> Array:
         """(S', D) whether Stribeck and load friction have Coulomb's sign, at β (S', k, D)."""
         found = np.ones((beta.shape[0], beta.shape[2]), dtype=bool)
         for row, k in enumerate(own):

@@ -29,7 +29,7 @@ from ..joint_checks import (
 )
 from ..joints import JointRows
 from ..links import file_links
-from ..problem import FitProblem, mean_squares
+from ..problem import FitProblem, Mask, mean_squares
 from ..residuals import Suspect
 from ..result import JointStructure, Options, Structured
 from ..smoothing import Filter, twice_as_noisy
@@ -41,7 +41,7 @@ from .cutoff import NARROWER, filter_for, flat_range, middle_of, trials
 from .held_out import (
     SHAPES,
     Contest,
-    Shape,
+    FrictionShape,
     errors_at_cutoffs,
     rms,
     shapes,
@@ -325,7 +325,7 @@ def with_friction(
 ) -> Chosen:
     """The choice with the best friction at its delays; with its own columns unless `free`."""
     said = list(findings)
-    found: dict[int, list[Shape]] = {}
+    found: dict[int, list[FrictionShape]] = {}
     u = rows.commands(choice.delay)
     for j in rows.driven:  # a passive joint has no command to predict
         own = choice.columns[j]
@@ -350,10 +350,10 @@ def with_friction(
     return Chosen(choice, said, rivals)
 
 
-def _candidates(rows: JointRows, choice: Choice, joint: int, free: bool) -> list[Shape]:
+def _candidates(rows: JointRows, choice: Choice, joint: int, free: bool) -> list[FrictionShape]:
     """The friction that is tried at a joint, the simplest first."""
     own = choice.columns[joint] & set(SHAPES)
-    usual = Shape(own, choice.speed[joint], choice.fall(joint))
+    usual = FrictionShape(own, choice.speed[joint], choice.fall(joint))
     if not free:
         return [usual, *shapes(own, usual)]
     # where weight is a small part of the force, `load` imitates other friction and biases gains
@@ -362,14 +362,14 @@ def _candidates(rows: JointRows, choice: Choice, joint: int, free: bool) -> list
     further = [option.name for option in (*CURVES, FALLING)]
     if not weight.std() > _LOADED * force.std():
         further.remove("load")
-    found = [Shape(BASIC & set(SHAPES), BROAD, choice.fall(joint))]
+    found = [FrictionShape(BASIC & set(SHAPES), BROAD, choice.fall(joint))]
     for count in range(len(further) + 1):
         for names in itertools.combinations(further, count):
             found += shapes((BASIC & set(SHAPES)) | set(names), found[0])
     return found
 
 
-def _simplest(tried: Sequence[Shape], errors: Array, free: bool) -> int | None:
+def _simplest(tried: Sequence[FrictionShape], errors: Array, free: bool) -> int | None:
     """Index of the simplest shape that no other clearly improves on; None if none is judged.
 
     Its dry friction has the usual speed unless another has errors lower by a percent, or is clearly
@@ -390,14 +390,14 @@ def _simplest(tried: Sequence[Shape], errors: Array, free: bool) -> int | None:
     return best if lower and (free or improves(errors[usual], errors[best], COLUMN)) else usual
 
 
-def _rivals(tried: Sequence[Shape], errors: Array, chosen: int) -> list[Shape]:
+def _rivals(tried: Sequence[FrictionShape], errors: Array, chosen: int) -> list[FrictionShape]:
     """The best shapes without one of the chosen one's columns, unless it certainly needs it.
 
     What a rival lacks is not told by the log: one law of friction stands for another.
     """
     level = np.log(errors).mean(axis=1)
     best = _best_of_each(tried, level)
-    found: list[Shape] = []
+    found: list[FrictionShape] = []
     for name in sorted(tried[chosen].names - BASIC):
         without = [k for k in best if name not in tried[k].names]
         rival = min(without, key=lambda k: level[k])
@@ -406,7 +406,7 @@ def _rivals(tried: Sequence[Shape], errors: Array, chosen: int) -> list[Shape]:
     return found
 
 
-def _best_of_each(tried: Sequence[Shape], level: Array) -> list[int]:
+def _best_of_each(tried: Sequence[FrictionShape], level: Array) -> list[int]:
     """Indices of the best shapes of each set of columns, by mean logarithms of errors (S,)."""
     best: dict[frozenset[str], int] = {}
     for k in np.argsort(level, kind="stable").tolist():
@@ -415,7 +415,12 @@ def _best_of_each(tried: Sequence[Shape], level: Array) -> list[int]:
 
 
 def _friction_in_words(
-    rows: JointRows, joint: int, used: frozenset[str], shape: Shape, errors: Array, tried: int
+    rows: JointRows,
+    joint: int,
+    used: frozenset[str],
+    shape: FrictionShape,
+    errors: Array,
+    tried: int,
 ) -> Finding:
     """The friction chosen for a joint; errors (2, 5) are those before and with it."""
     names = sorted(used)
@@ -435,7 +440,7 @@ def _with_delays(rows: JointRows, choice: Choice, free: bool) -> tuple[Choice, l
     grid = np.array(JOINT_DELAY.values)
     coarse = _errors_at(rows, choice, grid, free)
     counts = rows.usable.sum(axis=0)[rows.driven]
-    judged = np.isfinite(coarse).all(axis=(1, 2))
+    judged: Mask = np.asarray(np.isfinite(coarse).all(axis=(1, 2)))
     if not judged.any():
         return choice, []
 
@@ -486,7 +491,7 @@ def _errors_at(rows: JointRows, choice: Choice, grid: Array, free: bool) -> Arra
     found = []
     for j in rows.driven:
         own = choice.columns[j] & set(SHAPES)
-        usual = Shape(own, choice.speed[j], choice.fall(j))
+        usual = FrictionShape(own, choice.speed[j], choice.fall(j))
         tried = [usual, *(s for names in (_RICH if free else (own,)) for s in shapes(names, usual))]
         errors = Contest(rows, choice, j, u[:, j]).errors(tried)
         best = np.argmin(np.log(errors).mean(axis=2), axis=0)
