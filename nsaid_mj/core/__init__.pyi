@@ -314,6 +314,15 @@ from .structure.compiled import WORKSPACE as WORKSPACE
 # The numbers as kernels read them: float64, C-contiguous, writable; a copy only if needed.
 from .structure.configuration_space import plain as plain
 
+# Where a body touches its surroundings.
+from .structure.contacts import ContactPoint as ContactPoint
+
+# E with E Jᵀ = 0 and λ̂ of contacts at N samples: E W θ = 0 for every force of contact.
+from .structure.contacts import Elimination as Elimination
+
+# J (N, c, n) of contacts and their places (N, k, 3) at positions (N, m).
+from .structure.contacts import contact_jacobians as contact_jacobians
+
 # Writes −M⁻¹ W diag(scale) (N, n, p) along a motion; returns whether M ≻ 0.
 from .structure.information import acceleration_rows as acceleration_rows
 
