@@ -314,9 +314,6 @@ from .structure.compiled import WORKSPACE as WORKSPACE
 # The numbers as kernels read them: float64, C-contiguous, writable; a copy only if needed.
 from .structure.configuration_space import plain as plain
 
-# Where a body touches its surroundings.
-from .structure.contacts import ContactPoint as ContactPoint
-
 # E with E Jᵀ = 0 and λ̂ of contacts at N samples: E W θ = 0 for every force of contact.
 from .structure.contacts import Elimination as Elimination
 
@@ -400,6 +397,9 @@ from .structure.parts import Actuator as Actuator
 
 # One term of F θ: a force of known direction and unknown size.
 from .structure.parts import Column as Column
+
+# Where a body touches its surroundings.
+from .structure.parts import ContactPoint as ContactPoint
 
 # A part of a body's 6×6 inertia about its origin, in its axes, linear in θ.
 from .structure.parts import Inertia as Inertia

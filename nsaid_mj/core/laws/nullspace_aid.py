@@ -48,6 +48,9 @@ def paper_identifier(
 class NullspaceIdentifier(Identifier):
     """(44) and (45), integrated by RK4 between measurements, the command held.
 
+    Under contacts whose forces nobody measures (44) cannot be evaluated: v̂ is then v, so that Δv =
+    0, and the memory's steps alone move θ̂ (docs/theory.md, section 8).
+
     Args:
         system: the structure.
         K: (n,) or (n, n) positive definite gain of the identification plant [1/s].
@@ -58,7 +61,8 @@ class NullspaceIdentifier(Identifier):
         memory: memory of past data; None for a law without one.
 
     Raises:
-        InvalidInput: a shape or value is wrong, K is not positive definite, or too fast for dt.
+        InvalidInput: a shape or value is wrong, K is not positive definite, or too fast for dt; or
+            the system has contacts, and there is no memory.
     """
 
     metric: Metric  # pyright: ignore[reportIncompatibleVariableOverride]  # this law has one
@@ -73,6 +77,13 @@ class NullspaceIdentifier(Identifier):
         hermite: bool = True,
         memory: ImplicitMemory | None = None,
     ):
+        if system.structure.contacts and memory is None:
+            raise InvalidInput(
+                "law",
+                "memory for a robot on the ground",
+                "a law that predicts its acceleration",
+                "Nobody measures the contacts' forces: use --law memory.",
+            )
         self.system = system
         self.metric = metric
         self.memory = memory
@@ -157,6 +168,8 @@ class NullspaceIdentifier(Identifier):
         if state.status is not Status.completed:
             return state, Estimates.of(state)
         estimates = Estimates.of(state, len(log.t))
+        if self.system.structure.contacts:
+            return end_of(state, log, estimates, _stay(log, estimates))
         return end_of(state, log, estimates, self._follow(log, estimates, motion))
 
     def motion(self, log: Log) -> Motion:
@@ -251,6 +264,15 @@ class NullspaceIdentifier(Identifier):
     def confidence(self, state: State) -> Confidence | None:
         """The estimate's uncertainty according to the memory; None without one."""
         return None if self.memory is None else self.memory.confidence(state)
+
+
+def _stay(log: Log, estimates: Estimates) -> int:
+    """Writes v̂ = v and θ̂ as it is from row 1 on; returns the first row that is not finite, or N."""
+    estimates.v_hat[1:] = log.v[1:]
+    estimates.theta_hat[1:] = estimates.theta_hat[0]
+    estimates.pivot[1:] = estimates.pivot[0]
+    finite = np.all([np.isfinite(p.reshape(len(p), -1)).all(axis=1) for p in log], axis=0)
+    return int(np.argmin(finite)) if not finite.all() else len(log.t)
 
 
 def end_of(state: State, log: Log, estimates: Estimates, failed: int) -> tuple[State, Estimates]:

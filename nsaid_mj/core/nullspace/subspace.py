@@ -15,6 +15,7 @@ import scipy.linalg
 from ...base import InvalidInput
 from ..parameters import Array, Block, Indices, ParameterSpace, phrase
 from ..structure.system import SecondOrderSystem
+from .ground import ground_stack
 
 TOLERANCE = 1e-8
 """Singular values below this share of the largest count as 0. For the robots of example-robot-data
@@ -94,8 +95,13 @@ def structural(system: SecondOrderSystem, theta: Array, rng: np.random.Generator
 
 
 def regressor_stack(system: SecondOrderSystem, theta: Array, rng: np.random.Generator) -> Array:
-    """(N, p) rows of W(t, x, v, θ)·diag(scale) at random states, N about ten times p."""
+    """(N, p) rows of W(t, x, v, θ)·diag(scale) at random states, N about ten times p.
+
+    Of a robot with contacts they are those of E W, the forces of all contacts eliminated throughout.
+    """
     count = max(20, 10 * system.p // system.n)
+    if contacts := len(system.structure.contacts):
+        return ground_stack(system, theta, rng, np.ones((3 * count, contacts), dtype=bool))
     states = [system.random_state(rng) for _ in range(count)]
     q, v, u = (np.array(part) for part in zip(*states, strict=True))
     x = np.hstack([q, v])
@@ -230,7 +236,7 @@ def _cost(column: Array) -> tuple[int, int]:
 
 
 def _scale(group: Indices, whole: bool, space: ParameterSpace) -> Direction:
-    """The common scale of a group, or of all of θ if there is only one group."""
+    """The common scale of a group, named by its actuators, or of all of θ if it is the only one."""
     chosen = set(group.tolist())
     kinds = []
     parts = []
@@ -243,8 +249,10 @@ def _scale(group: Indices, whole: bool, space: ParameterSpace) -> Direction:
             all_inside = len(inside) == len(block) > 1
             parts.append(kind if all_inside else phrase(space.labels[i] for i in inside))
     names = tuple(space.names[i] for i in group)
+    driven = (space.labels[i].partition(" of ") for i in space.actuators if i in chosen)
+    whose = "everything" if whole else _listed(part or what for what, _, part in driven)
     return Direction(
-        f"common scale of {'everything: ' if whole else ''}{_listed(dict.fromkeys(kinds))}",
+        f"common scale of {whose}: {_listed(kinds)}",
         names,
         (),
         f"one known number, e.g. {space.labels[group[-1]]}, fixes it, and with it these "
@@ -258,7 +266,7 @@ def _plural(block: Block) -> str:
 
 
 def _listed(words: Iterable[str]) -> str:
-    *first, last = words
+    *first, last = dict.fromkeys(words)
     return f"{', '.join(first)} and {last}" if first else last
 
 

@@ -11,82 +11,93 @@ It takes from every row the force that these rows ascribe to the contacts, so a 
 meaning and its unit. With weights that are small for a floating base, λ̂ comes from the legs'
 joints: the base's rows become the balance of the whole robot, and the rows of a leg with as many
 joints as its foot has components vanish.
+
+A momentum balance needs Ė too. With T = (J D Jᵀ)⁻¹ J D and U = Jᵀ (J D Jᵀ)⁻¹,
+
+    Ė = −E J̇ᵀ T − U J̇ D E.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ..parameters import Array
-from .arrays import FRAME, POSITION
-from .configuration_space import plain
+from .arrays import FRAME, POSITION, RATE, TWIST
 from .kinematics import place_along
-from .structure import Structure
+from .parts import ContactPoint
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from .structure import Structure
 
 _OF_BASE = 1e-6  # weight of a base's rows over a joint's: the legs alone tell the contacts' forces
 
 
-@dataclass(frozen=True, eq=False)
-class ContactPoint:
-    """Where a body touches its surroundings.
-
-    Attributes:
-        body: number of the body.
-        centre: (3,) point in the body's frame [m]; the centre of a round foot.
-        radius: radius of a round foot, which touches at its lowest point [m]; 0 for a point.
-        flat: whether the contact also exerts a torque, as a flat foot's: six rows instead of three.
-        normal: (3,) outward normal of the surface in world axes; None for the vertical.
-        name: name, for messages.
-    """
-
-    body: int
-    centre: ArrayLike
-    radius: float = 0.0
-    flat: bool = False
-    normal: ArrayLike | None = None
-    name: str = ""
-
-    @property
-    def rows(self) -> int:
-        """Number of components of its force: 3, or 6 with a torque."""
-        return 6 if self.flat else 3
-
-
 def contact_jacobians(
-    structure: Structure, contacts: list[ContactPoint], q: Array
+    structure: Structure, contacts: Sequence[ContactPoint], q: Array
 ) -> tuple[Array, Array]:
     """(N, c, n) J and (N, k, 3) the places of k contacts at positions q (N, m).
 
     Both are in the common frame: of a floating base its own at each sample, else the world's. Rows
     follow one another contact by contact, forces [linear, then angular if flat].
     """
+    J, _, places = _contact_motion(structure, contacts, q, np.zeros((len(q), structure.n)))
+    return J, places
+
+
+def contact_accelerations(
+    structure: Structure, contacts: Sequence[ContactPoint], q: Array, v: Array
+) -> Array:
+    """(N, c) J̇ v at positions q (N, m) and velocities v (N, n): J v̇ + J̇ v is that of the points.
+
+    Rows are those of `contact_jacobians`, in an inertial frame.
+    """
+    _, change, _ = _contact_motion(structure, contacts, q, v)
+    return np.asarray((change @ v[:, :, None])[:, :, 0])
+
+
+def _contact_motion(
+    structure: Structure, contacts: Sequence[ContactPoint], q: Array, v: Array
+) -> tuple[Array, Array, Array]:
+    """(N, c, n) J and J̇, in an inertial frame, and (N, k, 3) the contacts' places."""
     n = structure.n
     bodies = len(structure.bodies)
-    length = (bodies + n + 1) * FRAME + 36 * len(structure.arrays.terms)
-    states = np.empty((len(q), max(length, len(structure.memory()[1].state))))
-    place_along(structure.arrays, plain(q), np.zeros((len(q), n)), states)
-    axes = states[:, bodies * FRAME : (bodies + n) * FRAME].reshape(len(q), n, FRAME)[:, :, :6]
+    states = np.empty((len(q), (bodies + n + 1) * FRAME + 36 * len(structure.arrays.terms)))
+    q = np.array(q, dtype=np.float64, order="C")
+    place_along(structure.arrays, q, np.array(v, dtype=np.float64, order="C"), states)
+    axes = states[:, bodies * FRAME : (bodies + n) * FRAME].reshape(len(q), n, FRAME)
     ground = states[:, (bodies + n) * FRAME :]
     J = np.zeros((len(q), sum(contact.rows for contact in contacts), n))
+    change = np.zeros_like(J)
     places = np.empty((len(q), len(contacts), 3))
     first = 0
     for k, contact in enumerate(contacts):
         frame = states[:, contact.body * FRAME : (contact.body + 1) * FRAME]
-        rotation = frame[:, :9].reshape(-1, 3, 3)
-        point = frame[:, POSITION : POSITION + 3] + rotation @ np.asarray(contact.centre, float)
+        turned = frame[:, :9].reshape(-1, 3, 3) @ np.asarray(contact.centre, float)
+        point = frame[:, POSITION : POSITION + 3] + turned
+        twist = frame[:, TWIST : TWIST + 6]
+        speed = (twist[:, :3] + np.cross(twist[:, 3:], point))[:, None]  # the centre's
         if contact.radius:
             point = point - contact.radius * _normals(structure, contact, q, ground)
         places[:, k] = point
         moving = structure.path(contact.body)
-        linear = axes[:, moving, :3] + np.cross(axes[:, moving, 3:], point[:, None])
+        S = axes[:, moving, :6]
+        rate = axes[:, moving, RATE : RATE + 6]
+        linear = S[:, :, :3] + np.cross(S[:, :, 3:], point[:, None])
+        moved = rate[:, :, :3] + np.cross(rate[:, :, 3:], point[:, None])
+        moved += np.cross(S[:, :, 3:], speed)
         J[:, first : first + 3, moving] = np.swapaxes(linear, 1, 2)
+        change[:, first : first + 3, moving] = np.swapaxes(moved, 1, 2)
         if contact.flat:
-            J[:, first + 3 : first + 6, moving] = np.swapaxes(axes[:, moving, 3:], 1, 2)
+            J[:, first + 3 : first + 6, moving] = np.swapaxes(S[:, :, 3:], 1, 2)
+            change[:, first + 3 : first + 6, moving] = np.swapaxes(rate[:, :, 3:], 1, 2)
         first += contact.rows
-    return J, places
+    return J, change, places
 
 
 def _normals(structure: Structure, contact: ContactPoint, q: Array, ground: Array) -> Array:
@@ -109,6 +120,23 @@ def weights_of(structure: Structure) -> Array:
     return weights
 
 
+def balanced_rows(structure: Structure) -> NDArray[np.bool_]:
+    """(n,) the rows of E W that hold a balance, with the structure's contacts and default weights.
+
+    Those of a limb that has as many joints of its own as its contacts' forces have components
+    say what these forces are, and nothing else: their rows of E W vanish.
+    """
+    limbs = [set(structure.path(c.body)) - set(range(structure.group)) for c in structure.contacts]
+    kept = np.ones(structure.n, dtype=bool)
+    if not structure.group:
+        return kept
+    for k, limb in enumerate(limbs):
+        own = limb - {i for j, other in enumerate(limbs) if j != k for i in other}
+        if len(own) == structure.contacts[k].rows:
+            kept[list(own)] = False
+    return kept
+
+
 class Elimination:
     """E and λ̂ of contacts at N samples.
 
@@ -116,32 +144,98 @@ class Elimination:
         E: (N, n, n) with E Jᵀ = 0.
         to_force: (N, c, n) with λ̂ = to_force · (W θ); forces and torques in the common frame.
         places: (N, k, 3) places of the contacts in the common frame [m].
-        condition: (N,) condition of J D Jᵀ: large where a leg is stretched and its force uncertain.
+        rate: (N, n, n) Ė along velocities v.
     """
 
     def __init__(
         self,
         structure: Structure,
-        contacts: list[ContactPoint],
+        contacts: Sequence[ContactPoint],
         q: Array,
         touching: NDArray[np.bool_] | None = None,
         weights: Array | None = None,
+        v: Array | None = None,
     ):
         """At positions q (N, m).
 
         `touching` (N, k) says which of the k contacts exert a force, all by default; `weights` (n,)
-        are D.
+        are D; velocities v (N, n), 0 by default, are those of `rate`.
         """
-        J, self.places = contact_jacobians(structure, contacts, q)
-        D = weights_of(structure) if weights is None else weights
+        v = np.zeros((len(q), structure.n)) if v is None else v
+        J, self._change, self.places = _contact_motion(structure, contacts, q, v)
+        self._weights = weights_of(structure) if weights is None else weights
         if touching is not None:
-            J = J * np.repeat(touching, [contact.rows for contact in contacts], axis=1)[:, :, None]
+            mask = np.repeat(touching, [contact.rows for contact in contacts], axis=1)[:, :, None]
+            J = J * mask
+            self._change = self._change * mask
         idle = ~J.any(axis=2)
-        weighted = J * D
-        square = weighted @ np.swapaxes(J, 1, 2)
+        weighted = J * self._weights
+        self._square = weighted @ np.swapaxes(J, 1, 2)
         sample, row = np.nonzero(idle)
-        square[sample, row, row] = 1.0  # of a contact without a force, whose rows of J are 0
-        eigenvalues = np.linalg.eigvalsh(square)
-        self.condition = eigenvalues[:, -1] / np.maximum(eigenvalues[:, 0], 1e-300)
-        self.to_force = np.linalg.solve(square, weighted)
+        self._square[sample, row, row] = 1.0  # of a contact without a force, whose rows of J are 0
+        self._J = J
+        self.to_force = np.linalg.solve(self._square, weighted)
         self.E = np.eye(structure.n) - np.swapaxes(J, 1, 2) @ self.to_force
+
+    @cached_property
+    def condition(self) -> Array:
+        """(N,) condition of J D Jᵀ: large where a leg is stretched and its force uncertain."""
+        eigenvalues = np.linalg.eigvalsh(self._square)
+        return np.asarray(eigenvalues[:, -1] / np.maximum(eigenvalues[:, 0], 1e-300))
+
+    @cached_property
+    def rate(self) -> Array:
+        """(N, n, n) Ė; see the module."""
+        pushes = np.swapaxes(np.linalg.solve(self._square, self._J), 1, 2)
+        first = (self.E @ np.swapaxes(self._change, 1, 2)) @ self.to_force
+        return -first - pushes @ ((self._change * self._weights) @ self.E)
+
+
+def without_contact_forces(structure: Structure, q: Array, rows: Array) -> Array:
+    """(N, n, p) E times rows (N, n, p) at positions q (N, m), 0 where they hold no balance."""
+    eliminated = Elimination(structure, structure.contacts, q).E @ rows
+    eliminated[:, ~balanced_rows(structure)] = 0.0
+    return eliminated
+
+
+def eliminated_balance(
+    structure: Structure,
+    positions: tuple[Array, Array],
+    velocities: tuple[Array, Array],
+    momenta: tuple[Array, Array],
+    drives: tuple[Array, Array, Array],
+) -> tuple[Array, Array, Array, Array]:
+    """The terms of the filtered momentum balance without the contacts' forces.
+
+    d/dt (E W_M θ) = (Ė W_M + E Ψ) θ, since E Jᵀ λ = 0; Ψ is F and the regressor of Cᵀ v.
+
+    Args:
+        structure: the robot, with its contacts.
+        positions: (N, m) at the samples and (N−1, m) half-way between.
+        velocities: (N, n) and (N−1, n).
+        momenta: (N, n, p) and (N−1, n, p) W_M(q, v).
+        drives: (N−1, n, p) each, a W_M + Ψ at start, middle and end of every step.
+
+    Returns:
+        What `SecondOrderSystem.momentum_balance` returns, 0 in the rows without a balance.
+    """
+    contacts = structure.contacts
+    at, between = (
+        Elimination(structure, contacts, q, v=v) for q, v in zip(positions, velocities, strict=True)
+    )
+    kept = np.flatnonzero(balanced_rows(structure))
+
+    def placed(rows: Array) -> Array:
+        whole = np.zeros((len(rows), structure.n, momenta[0].shape[2]))
+        whole[:, kept] = rows
+        return whole
+
+    E, middle = at.E[:, kept], between.E[:, kept]
+    turning = at.rate[:, kept] @ momenta[0]
+    start, half, end = drives
+    return (
+        placed(E @ momenta[0]),
+        placed(E[:-1] @ start + turning[:-1]),
+        placed(middle @ half + between.rate[:, kept] @ momenta[1]),
+        placed(E[1:] @ end + turning[1:]),
+    )

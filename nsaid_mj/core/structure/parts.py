@@ -1,4 +1,4 @@
-"""The parts of a robot: joints, bodies, inertias, and terms of F θ."""
+"""The parts of a robot: joints, bodies, inertias, terms of F θ, and where it touches."""
 
 from __future__ import annotations
 
@@ -94,6 +94,32 @@ class Column:
         later = self.input + command if self.input >= 0 else self.input
         place = {"body": self.body, "dof": self.dof, "input": later}
         return Column(self.kind, self.parameter + parameter, **place, **constants)
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPoint:
+    """Where a body touches its surroundings.
+
+    Attributes:
+        body: number of the body.
+        centre: (3,) point in the body's frame [m]; the centre of a round foot.
+        radius: radius of a round foot, which touches at its lowest point [m]; 0 for a point.
+        flat: whether the contact also exerts a torque, as a flat foot's: six rows instead of three.
+        normal: (3,) outward normal of the surface in world axes; None for the vertical.
+        name: name, for messages.
+    """
+
+    body: int
+    centre: ArrayLike
+    radius: float = 0.0
+    flat: bool = False
+    normal: ArrayLike | None = None
+    name: str = ""
+
+    @property
+    def rows(self) -> int:
+        """Number of components of its force: 3, or 6 with a torque."""
+        return 6 if self.flat else 3
 
 
 # -- tensors of inertias ---------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from .arrays import Array, Slopes, StructureArrays, Workspace
 from .columns import KINDS, joint
 from .columns.kind import CURVE, LISTED, Kind
 from .forces import BODY_KINDS
-from .parts import KINDS_OF_JOINT, Body, Column, Inertia, Rotor
+from .parts import KINDS_OF_JOINT, Body, Column, ContactPoint, Inertia, Rotor
 
 _BASES = (layout.FREE, layout.PLANAR)
 _READS = ("", "velocity", "pose")
@@ -33,6 +33,7 @@ class Structure:
         n_u: number of commands.
         rotors: inertias of joints.
         gravity: (3,) in the world's axes [m/s²].
+        contacts: where the robot touches its surroundings, by forces that nobody measures.
 
     Raises:
         UnknownName: a kind of joint or column does not exist.
@@ -46,6 +47,7 @@ class Structure:
     n_u: int
     rotors: Sequence[Rotor] = ()
     gravity: ArrayLike = (0.0, 0.0, -9.81)
+    contacts: Sequence[ContactPoint] = ()
 
     def __post_init__(self) -> None:
         for number, body in enumerate(self.bodies):
@@ -71,6 +73,8 @@ class Structure:
             _within(f"rotors[{number}].parameter", rotor.parameter, self.p)
         for number, column in enumerate(self.columns):
             self._check_column(f"columns[{number}]", column)
+        for number, contact in enumerate(self.contacts):
+            _within(f"contacts[{number}].body", contact.body, len(self.bodies))
 
     # -- sizes -------------------------------------------------------------------------------------
 

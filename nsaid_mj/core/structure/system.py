@@ -24,6 +24,7 @@ from ..log import Log, Measurement
 from ..parameters import Array, Indices, ParameterSpace, finite
 from .arrays import StructureArrays
 from .configuration_space import StructuredKinematics, plain
+from .contacts import eliminated_balance, without_contact_forces
 from .motion import Motion, accelerate_at, along, balance, write_motion
 from .regressor import write_regressors
 from .structure import Structure
@@ -98,8 +99,33 @@ class SecondOrderSystem(StructuredKinematics, ABC):
 
         Returns:
             (N, n, p) W_M(q, v) at the samples; and three arrays (N−1, n, p), a W_M(q, v) + F + the
-            regressor of Cᵀ v at start, middle and end of every step, with the command held.
+            regressor of Cᵀ v at start, middle and end of every step, with the command held. Of a
+            structure with contacts, all without their forces; see `contacts`.
         """
+        momenta, *drives = self._momentum_balance(leak, log, q, v)
+        if not self.structure.contacts:
+            return momenta, drives[0], drives[1], drives[2]
+        still = np.zeros_like(v)
+        middle = self._moving(q, still, still, v)
+        return eliminated_balance(
+            self.structure,
+            (log.q, q),
+            (log.v, v),
+            (momenta, middle),
+            (drives[0], drives[1], drives[2]),
+        )
+
+    def momentum(self, q: Array, v: Array) -> Array:
+        """(n, p) W_M(q, v) of one sample; of a structure with contacts, without their forces."""
+        momentum = self._W_M(q, v)
+        if not self.structure.contacts:
+            return momentum
+        return without_contact_forces(self.structure, q[None], momentum[None])[0]
+
+    def _momentum_balance(
+        self, leak: float, log: Log, q: Array, v: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """`momentum_balance` with all forces."""
         if self.reference is not None:
             return self.reference.momentum_balance(leak, log, q, v)
         own = plain(log.v)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from nsaid_mj.base import pin
-from nsaid_mj.core import ContactPoint, Elimination, contact_jacobians
+from nsaid_mj.base import InvalidInput, pin
+from nsaid_mj.core import ContactPoint, Elimination, Log, contact_jacobians, rebuilt
+from nsaid_mj.core.nullspace.ground import random_states
+from nsaid_mj.core.structure.contacts import balanced_rows, contact_accelerations
 from nsaid_mj.robots import links_of, load_robot
 
 RADIUS = 0.02
@@ -22,6 +26,20 @@ def walker():
         for foot in feet
     ]
     return model, contacts, links_of(model)
+
+
+def on_the_ground(system, contacts):
+    return rebuilt(system, replace(system.structure, contacts=tuple(contacts)), system.space)
+
+
+def physical(system):
+    """(p,) 1 for the masses and moments of inertia of links, a little for all else."""
+    return np.array(
+        [
+            1.0 if name[:3] in ("Ixx", "Iyy", "Izz") or name[0] == "m" else 0.05
+            for name in system.space.names
+        ]
+    )
 
 
 def states(system, count=20):
@@ -81,3 +99,83 @@ def test_rows_of_a_leg_in_the_air_are_kept(walker):
     touching[:, 0] = False
     E = Elimination(system.structure, contacts, q, touching).E
     np.testing.assert_allclose(E[:, 6:9], np.eye(18)[None, 6:9].repeat(len(q), 0), atol=1e-12)
+
+
+def test_the_rate_of_the_elimination_is_that_along_the_velocity(walker):
+    _, contacts, system = walker
+    contacts = [*contacts[:2], ContactPoint(contacts[2].body, contacts[2].centre, flat=True)]
+    rng = np.random.default_rng(3)
+    q = states(system, 5)
+    v = rng.standard_normal((5, system.n))
+    level = np.ones(system.n)
+    step = 1e-6
+
+    def moved(sign):
+        return np.array([system.integrate(*pair) for pair in zip(q, sign * step * v, strict=True)])
+
+    def E(positions):
+        return Elimination(system.structure, contacts, positions, weights=level).E
+
+    rate = Elimination(system.structure, contacts, q, weights=level, v=v).rate
+    differences = (E(moved(1)) - E(moved(-1))) / (2 * step)
+    np.testing.assert_allclose(rate, differences, atol=1e-7 * np.abs(rate).max())
+
+
+def test_a_contacts_acceleration_is_the_rate_of_its_velocity(walker):
+    _, contacts, system = walker
+    point = [ContactPoint(contacts[0].body, contacts[0].centre)]  # a round foot's point rolls on
+    rng = np.random.default_rng(4)
+    q = states(system, 1)
+    v, a = rng.standard_normal((2, system.n))
+    step = 1e-6
+
+    def velocity(sign):  # in the world's axes
+        there = system.integrate(q[0], sign * step * v)
+        J, _ = contact_jacobians(system.structure, point, there[None])
+        return pin.XYZQUATToSE3(there[:7]).rotation @ (J[0] @ (v + sign * step * a))
+
+    J, _ = contact_jacobians(system.structure, point, q)
+    drift = contact_accelerations(system.structure, point, q, v[None])
+    world = pin.XYZQUATToSE3(q[0, :7]).rotation @ (J[0] @ a + drift[0])
+    np.testing.assert_allclose(world, (velocity(1) - velocity(-1)) / (2 * step), atol=1e-7)
+
+
+def test_the_balance_of_momentum_does_not_see_the_contacts(walker):
+    """d/dt (E W_M θ) = (Ė W_M + E Ψ) θ under any λ, and at rest and in flight alike."""
+    _, contacts, links = walker
+    system = on_the_ground(links, contacts)
+    rng = np.random.default_rng(5)
+    theta = system.space.scale * rng.uniform(0.5, 1.0, system.p) * physical(system)
+    touching = np.ones((6, len(contacts)), dtype=bool)
+    here = random_states(system, theta, rng, touching, standing=False)
+    step = 1e-6
+    momenta = []
+    for sign in (1, -1):
+        q = [system.integrate(*pair) for pair in zip(here.q, sign * step * here.v, strict=True)]
+        v = here.v + sign * step * here.a
+        pairs = zip(q, v, strict=True)
+        momenta.append(np.array([system.momentum(*pair) @ theta for pair in pairs]))
+    t = np.arange(7.0)
+    q, v, u = (np.concatenate([part, part[-1:]]) for part in here[:3])
+    terms = system.momentum_balance(0.0, Log.unchecked(t, q, v, u), here.q, here.v)
+    rate = (momenta[0] - momenta[1]) / (2 * step)
+    size = np.abs(rate).max()
+    for drive in terms[1:3]:
+        np.testing.assert_allclose(drive @ theta, rate, atol=1e-6 * size)
+    assert np.abs(rate[:, :6]).max() == size and not terms[0][:, 6:].any()
+    with_forces = links.momentum_balance(0.0, Log.unchecked(t, q, v, u), here.q, here.v)[1]
+    assert np.abs(with_forces @ theta - rate).max() > 0.1 * size
+
+
+def test_only_rows_of_limbs_that_the_contacts_determine_hold_no_balance(walker):
+    _, contacts, links = walker
+    three = on_the_ground(links, contacts[1:])
+    np.testing.assert_array_equal(np.flatnonzero(~balanced_rows(three.structure)), range(9, 18))
+    flat = on_the_ground(links, [ContactPoint(contacts[0].body, contacts[0].centre, flat=True)])
+    assert balanced_rows(flat.structure).all()
+
+
+def test_a_contact_on_a_body_that_does_not_exist_is_refused(walker):
+    _, _, links = walker
+    with pytest.raises(InvalidInput, match=r"contacts\[0\].body"):
+        on_the_ground(links, [ContactPoint(99, (0.0, 0.0, 0.0))])

@@ -128,7 +128,7 @@ class Recorder:
     def _balance(self, first: Measurement) -> Balance:
         """The momentum balance that begins at a sample: Y = 0."""
         n = self.system.n
-        lag = self.system._W_M(first.q, first.v)
+        lag = self.system.momentum(first.q, first.v)
         fed = FedBack.unknown(n, self.system.n_u)
         return Balance(lag, np.zeros(n), np.zeros(n), np.zeros_like(lag), 0, fed)
 

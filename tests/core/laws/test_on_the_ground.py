@@ -1,0 +1,94 @@
+"""The law `memory` on a robot that walks: contact forces are unknown, and do no harm."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from nsaid_mj.base import InvalidInput
+from nsaid_mj.core import Log, MemoryConfig, NullspaceAID, rebuilt
+from nsaid_mj.core.laws.base import Status, gain_deviations
+from nsaid_mj.core.laws.memory.statistics import Recorder
+from nsaid_mj.core.log import EXACT
+from nsaid_mj.core.quotient.cost import Remembered
+from tests.support.walkers import GAINS, quadruped, walk
+
+
+def followed(system, log, law="memory"):
+    prior = quadruped(0.02)[1]
+    identifier = NullspaceAID(law=law).build(system, prior, 1e-3)
+    state, estimates = identifier.follow(identifier.init(log.at(0)), log)
+    return identifier, state, estimates
+
+
+def ratio_error(theta):
+    ratios = theta[-len(GAINS) :] / GAINS
+    return np.abs(ratios / ratios.mean() - 1).max()
+
+
+@pytest.fixture(scope="module")
+def run():
+    return followed(quadruped(0.02)[0], walk()[0])
+
+
+def test_ratios_of_the_gains_are_found_while_it_walks(run):
+    system, prior = quadruped(0.02)
+    identifier, state, _ = run
+    assert state.status is Status.completed
+    assert ratio_error(prior) > 0.3
+    assert ratio_error(state.theta_hat) < 0.01
+    stated = gain_deviations(identifier.confidence(state), state.theta_hat, system.space)
+    assert (stated < 0.1).all()
+
+
+def levels(system, theta):
+    """Squared residual over squared effort of the base's six rows at θ."""
+    log = walk()[0].first(1000)
+    recorder = Recorder(system, MemoryConfig(), 1e-3, EXACT)
+    means = recorder.follow(recorder.begin(log.at(0)), log).means
+    return Remembered.of(means, system.space).levels(theta)[:6]
+
+
+def test_its_motion_contradicts_the_truth_only_if_it_is_taken_as_one_in_the_air():
+    system, _ = quadruped(0.02)
+    flying = rebuilt(system, replace(system.structure, contacts=()), system.space)
+    truth = walk()[1]
+    assert levels(system, truth).max() < 1e-4
+    assert levels(flying, truth).max() > 0.1
+
+
+def test_v_falls_and_the_conserved_quantity_stays(run):
+    identifier, state, estimates = run
+    _, truth = walk()
+    np.testing.assert_array_equal(estimates.v_hat[1:], walk()[0].v[1:])  # Δv = 0
+    start, end = estimates.theta_hat[0], state.theta_hat
+    assert identifier.divergence(truth, end) < identifier.divergence(truth, start)
+    spent = estimates.spent + identifier.conserved(estimates.theta_hat)
+    np.testing.assert_allclose(spent, spent[0], rtol=1e-4)
+
+
+def test_the_same_bits_whatever_the_pieces(run):
+    identifier, end, _ = run
+    log, _ = walk()
+    state = identifier.init(log.at(0))
+    for first in range(0, len(log.t) - 1, 700):
+        state, _ = identifier.follow(state, log.part(first, first + 701))
+    np.testing.assert_allclose(state.theta_hat, end.theta_hat, rtol=1e-9)
+
+
+def test_a_sample_that_is_not_finite_ends_the_run():
+    log, _ = walk()
+    v = np.where(np.arange(50)[:, None] == 30, np.nan, log.v[:50])
+    broken = Log.unchecked(log.t[:50], log.q[:50], v, log.u[:50])
+    _, state, estimates = followed(quadruped(0.02)[0], broken)
+    assert state.status is Status.measurement_not_finite
+    assert len(estimates.pivot) == 30
+
+
+@pytest.mark.parametrize("law", ("paper", "cone"))
+def test_a_law_that_predicts_the_acceleration_is_refused(law):
+    system, prior = quadruped(0.02)
+    with pytest.raises(InvalidInput, match="--law memory"):
+        NullspaceAID(law=law).build(system, prior, 1e-3)

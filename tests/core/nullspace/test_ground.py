@@ -1,0 +1,141 @@
+"""What contacts with unknown forces hide of θ, and what they reveal: ranks at random states."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from nsaid_mj.core.nullspace.ground import ground_stack, random_states
+from nsaid_mj.core.nullspace.subspace import directions, split, structural
+from nsaid_mj.core.structure.contacts import contact_accelerations, contact_jacobians
+from tests.support.walkers import SOLE, biped, pushing_arm, quadruped
+
+COUNT = 60  # states
+
+
+@cache
+def on_ground(robot, touching="always", standing=False):
+    """P_s of E W."""
+    system, theta = robot()
+    rng = np.random.default_rng(0)
+    mask = np.ones((COUNT, len(system.structure.contacts)), dtype=bool)
+    if touching == "at times":
+        mask = rng.random(mask.shape) < 0.5
+    elif touching == "never":
+        mask[:] = False
+    return split(ground_stack(system, theta, rng, mask, standing))
+
+
+def scales(nullspace, space):
+    """In how many independent ways the gains move inside P_s."""
+    return np.linalg.matrix_rank(nullspace.P[space.actuators], tol=1e-6)
+
+
+def ranks(robot, *arguments):
+    found = on_ground(robot, *arguments)
+    system, _ = robot()
+    assert found.gap[0] > 1e-4 and found.gap[1] < 1e-12
+    return system.p - found.r, scales(found, system.space)
+
+
+def test_on_a_stand_each_leg_has_a_scale_and_on_the_ground_there_is_one():
+    held, theta = quadruped(base="held")
+    stand = structural(held, theta, np.random.default_rng(0))
+    assert (held.p - stand.r, scales(stand, held.space)) == (104, 4)
+    assert ranks(quadruped, "always", True) == (137, 1)
+    assert ranks(quadruped, "at times", True) == (141, 1)
+    assert ranks(quadruped, "never") == (141, 1)
+
+
+def round_footed():
+    return quadruped(0.02)
+
+
+def test_a_round_foot_that_rolls_hides_nothing():
+    assert ranks(round_footed, "always") == (141, 1)
+
+
+def test_flat_feet_that_stand_keep_more_hidden_than_feet_that_walk():
+    held, theta = biped("held")
+    stand = structural(held, theta, np.random.default_rng(0))
+    assert (held.p - stand.r, scales(stand, held.space)) == (114, 2)
+    assert ranks(biped, "always", True) == (109, 1)
+    assert ranks(biped, "at times", True) == (141, 1)
+    assert ranks(biped, "always") == (121, 1)
+
+
+def test_an_arm_that_pushes_a_wall_loses_the_mass_at_its_tip_alone():
+    free, theta = pushing_arm(held=False)
+    assert free.p - structural(free, theta, np.random.default_rng(0)).r == 57
+    assert ranks(pushing_arm) == (56, 1)
+
+
+def test_the_law_s_system_has_this_nullspace():
+    system, theta = quadruped()
+    found = structural(system, theta, np.random.default_rng(1))
+    np.testing.assert_allclose(found.ratio(theta / system.space.scale), 0.0, atol=1e-10)
+    assert system.p - found.r == 137
+
+
+def within(nullspace, change, space):
+    scaled = change / space.scale
+    return np.linalg.norm(nullspace.P_perp.T @ scaled) / np.linalg.norm(scaled)
+
+
+def test_a_point_foot_hides_a_mass_at_the_contact():
+    system, _ = quadruped()
+    found = on_ground(quadruped)
+    for contact in system.structure.contacts:
+        x, y, z = contact.centre
+        change = np.zeros(system.p)
+        start = 10 * contact.body
+        moments = [y * y + z * z, -x * y, x * x + z * z, -x * z, -y * z, x * x + y * y]
+        change[start : start + 10] = [1.0, x, y, z, *moments]
+        assert within(found, change, system.space) < 1e-10
+        assert within(on_ground(quadruped, "at times"), change, system.space) > 0.1
+
+
+@pytest.mark.parametrize("foot", (0, 1))
+def test_a_flat_foot_hides_its_whole_link(foot):
+    system, _ = biped()
+    assert SOLE > 0
+    found = on_ground(biped)
+    start = 10 * system.structure.contacts[foot].body
+    for change in np.eye(system.p)[start : start + 10]:
+        assert within(found, change, system.space) < 1e-10
+        assert within(on_ground(biped, "at times"), change, system.space) > 1e-3
+
+
+def test_words_name_a_scale_for_each_leg_on_a_stand_and_one_on_the_ground():
+    held, theta = quadruped(base="held")
+    found = directions(structural(held, theta, np.random.default_rng(0)), held.space)
+    words = [each.words for each in found if each.words.startswith("common scale")]
+    legs = [f"of {leg}_HAA, {leg}_HFE and {leg}_KFE: " for leg in ("FL", "FR", "HL", "HR")]
+    assert len(words) == 4 and all(map(str.__contains__, words, legs))
+    system, theta = quadruped()
+    found = directions(structural(system, theta, np.random.default_rng(0)), system.space)
+    words = [each.words for each in found if each.words.startswith("common scale")]
+    assert len(words) == 1 and words[0].startswith("common scale of everything: ")
+
+
+@pytest.mark.parametrize("standing", (False, True))
+def test_random_states_obey_dynamics_and_contacts(standing):
+    system, theta = quadruped()
+    rng = np.random.default_rng(2)
+    touching = rng.random((10, 4)) < 0.7
+    q, v, u, a, force = random_states(system, theta, rng, touching, standing)
+    structure = system.structure
+    J, _ = contact_jacobians(structure, structure.contacts, q)
+    W = system.regressor(np.zeros(10), np.hstack([q, v]), v, a, u)
+    pushed = (np.swapaxes(J, 1, 2) @ force[:, :, None])[:, :, 0]
+    np.testing.assert_allclose(W @ theta, pushed, atol=1e-8 * np.abs(pushed).max())
+    mask = np.repeat(touching, 3, axis=1)
+    assert not force[~mask].any() and force[mask].all()
+    if standing:
+        moving = (J @ v[:, :, None])[:, :, 0]
+        drift = contact_accelerations(structure, structure.contacts, q, v)
+        np.testing.assert_allclose(moving[mask], 0.0, atol=1e-9)
+        accelerating = (J @ a[:, :, None])[:, :, 0] + drift
+        np.testing.assert_allclose(accelerating[mask], 0.0, atol=1e-7)
