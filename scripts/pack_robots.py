@@ -17,8 +17,9 @@ import pinocchio as pin
 from example_robot_data.robots_loader import ROBOTS, getModelPath
 
 ROBOTS_FOLDER = Path(__file__).parents[1] / "assets" / "robots"
-PACKED = ("double_pendulum", "kinova", "panda", "ur5", "xarm7", "z1")
+PACKED = ("double_pendulum", "go2", "kinova", "panda", "ur5", "xarm7", "z1")
 TRIANGLES = 2500  # of a mesh, at most
+HULLS = {"go2"}  # drawn as their collision shapes, as visual meshes consist of too many parts
 
 
 def pack(name: str, folder: Path) -> None:
@@ -33,9 +34,12 @@ def pack(name: str, folder: Path) -> None:
     for child in [child for child in root if child.tag not in ("link", "joint", "material")]:
         root.remove(child)
     written: dict[str, str] = {}
+    dropped, drawn = ("visual", "collision") if name in HULLS else ("collision", "visual")
     for link in root.iter("link"):
-        for collision in link.findall("collision"):
-            link.remove(collision)
+        for shape in link.findall(dropped):
+            link.remove(shape)
+        for shape in link.findall(drawn):
+            shape.tag = "visual"
         for mesh in link.findall("visual/geometry/mesh"):
             source = mesh.attrib["filename"]
             if source not in written:

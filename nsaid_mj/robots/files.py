@@ -19,6 +19,7 @@ from .assets import (
 from .errors import BadRobot
 
 REMEDY = "Give the path of a file ending in .urdf, .xml or .mjb (MJCF), or a vehicle's .toml."
+_WALKING = {"go2"}  # packed robots whose base floats
 _CUT_IN_CODE = "talos_legs"  # the only one whose loader removes joints in its file
 
 
@@ -40,7 +41,7 @@ def robot_file(name: str, others: Sequence[str] = ()) -> RobotFile:
     path = path_of(name)
     packed = {**packed_robots(), **packed_folders()}
     if name in packed:
-        return RobotFile(packed[name], named=True)
+        return RobotFile(packed[name], named=True, floats=name in _WALKING)
     if path.is_dir() and name not in known_robots():  # a folder hides no robot of its name
         reason = "no such file, but a folder without a vehicle.toml"
         raise BadRobot(name or ".", "", reason, REMEDY)

@@ -14,18 +14,20 @@ import json
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 
 from nsaid_mj.core import ContactPoint
 from nsaid_mj.lab.control.walking import Walk, gait, standing
-from nsaid_mj.robots import load_robot, tree_spec
+from nsaid_mj.robots import load_robot, load_tree, tree_spec
 
 Array = np.ndarray
 
 _CONTROL = 1e-3  # period of the PD controllers [s]
 _STEP = 5e-4  # MuJoCo's time step [s]
+_LEANING = 3.0  # time constant with which a biped shifts its weight until its ankles rest [s]
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,7 @@ class Legged:
         sole: centre and half lengths of a flat foot in the frame of its link [m]; () if round.
         imu: place of the IMU in the base [m].
         locked: parts of the names of joints that are fixed at 0.
+        stiffness: of its joints, over weight · standing height [1/rad].
         walk: its motion.
     """
 
@@ -50,6 +53,7 @@ class Legged:
     sole: tuple[tuple[float, ...], ...] = ()
     imu: tuple[float, float, float] = (0.0, 0.0, 0.0)
     locked: tuple[str, ...] = ()
+    stiffness: float = 2.0
     walk: dict[str, float] = field(default_factory=dict)
 
 
@@ -70,6 +74,26 @@ ROBOTS = {
         (0.0, 0.5, -1.0),
         0.03,
         imu=(0.249, 0.008, 0.046),
+    ),
+    "g1": Legged(  # a biped: its arms are held
+        "g1",
+        ("left_ankle_roll_link", "right_ankle_roll_link"),
+        (-0.3, 0.0, 0.0, 0.6, -0.3, 0.0),
+        sole=((0.035, 0.0, -0.03), (0.16, 0.09, 0.005)),
+        imu=(0.045, 0.0, -0.083),
+        locked=("waist", "shoulder", "elbow", "wrist"),
+        stiffness=8.0,
+        walk={
+            "squat": 5.0,
+            "trot": 0.0,
+            "wave": 11.0,
+            "ramp": 2.0,
+            "depth": 0.04,
+            "sway": 0.01,
+            "tilt": 0.04,
+            "lean": 1.0,
+            "reach": 0.1,
+        },
     ),
 }
 
@@ -173,10 +197,10 @@ def walked(what: WalkingLog, folder: Path) -> Walked:
     """Simulates a log and writes its files into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     legged = ROBOTS[what.robot]
-    robot = load_robot(legged.source, "free")
-    rng = np.random.default_rng([what.seed, 1])
     urdf = folder / "nominal.urdf"
-    urdf.write_text(Path(robot.file).read_text(encoding="utf-8"), encoding="utf-8")  # type: ignore[arg-type]
+    write_nominal_urdf(legged, urdf)
+    robot = load_robot(str(urdf), "free")
+    rng = np.random.default_rng([what.seed, 1])
     size = _size(robot, legged)
     spec = _scene(robot, legged, what, size, None)
     model = folder / "nominal.xml"
@@ -195,6 +219,20 @@ def walked(what: WalkingLog, folder: Path) -> Walked:
     return Walked(log, model, urdf, truth, forces, base)
 
 
+def write_nominal_urdf(legged: Legged, path: Path) -> None:
+    """Writes the robot's URDF without meshes, its locked joints fixed."""
+    source = load_tree(legged.source).file
+    assert source is not None
+    root = ElementTree.parse(source).getroot()
+    for link in root.iter("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            link.remove(shape)
+    for joint in root.iter("joint"):
+        if any(part in joint.get("name", "") for part in legged.locked):
+            joint.set("type", "fixed")
+    ElementTree.ElementTree(root).write(path, encoding="utf-8")
+
+
 @dataclass(frozen=True)
 class Size:
     """Sizes from which nominal values follow.
@@ -205,6 +243,7 @@ class Size:
         height: standing height of the base over the ground [m].
         q: (k,) standing joints [rad].
         feet: contact points.
+        kp: stiffness of the joints [N·m/rad].
     """
 
     weight: float
@@ -212,11 +251,7 @@ class Size:
     height: float
     q: Array
     feet: list[ContactPoint]
-
-    @property
-    def kp(self) -> float:
-        """Stiffness of the joints [N·m/rad]."""
-        return 2.0 * self.weight
+    kp: float
 
     @property
     def kv(self) -> float:
@@ -262,7 +297,8 @@ def _size(robot: Any, legged: Legged) -> Size:
     places = contact_jacobians(robot.system.structure, feet, at)[1][0]
     height = -float(places[:, 2].min())
     mass = sum(inertia.mass for inertia in robot.model.inertias)
-    return Size(9.81 * mass * height, mass * height**2, height, q, feet)
+    weight = 9.81 * mass * height
+    return Size(weight, mass * height**2, height, q, feet, legged.stiffness * weight)
 
 
 def _drawn(
@@ -390,6 +426,7 @@ def _simulated(
     lag = round(what.late / _CONTROL)
     torques = [np.zeros(len(joints))] * lag
     substeps = round(_CONTROL / _STEP)
+    balance = Balance(joints, size) if legged.sole else None
     feet = [model.geom(name).id for name in legged.feet]
     rows = np.empty((count, 1 + 3 * len(joints) + 10))
     forces = np.zeros((count, len(feet), 6))
@@ -398,9 +435,12 @@ def _simulated(
     for k in range(count * every):
         logged = k % every == 0
         if what.command == "torque":
-            u = size.kp * (targets[k] - data.qpos[at]) - size.kv * data.qvel[moving]
+            leant = targets[k] if balance is None else targets[k] + balance(u)
+            u = size.kp * (leant - data.qpos[at]) - size.kv * data.qvel[moving]
         elif logged:
             u = targets[k]
+            if balance is not None:
+                u = u + balance(data.actuator_force, every)
         if lag:
             torques.append(u)
             data.ctrl[:] = torques.pop(0)
@@ -415,6 +455,31 @@ def _simulated(
             forces[row] = _contact_forces(model, data, feet)
         mujoco.mj_step(model, data, substeps)
     return _measured(rows, what, truth, len(joints), rng), forces, base
+
+
+class Balance:
+    """Leans a biped until its ankles need no torque: soles stay flat, the base moves over them."""
+
+    def __init__(self, joints: list[str], size: Size):
+        self._pairs = [
+            [
+                [k for k, name in enumerate(joints) if part in name]
+                for part in (f"hip_{axis}", f"ankle_{axis}")
+            ]
+            for axis in ("roll", "pitch")
+        ]
+        self._share = _CONTROL / (size.weight * _LEANING)
+        self._angles = np.zeros(2)
+        self._lean = np.zeros(len(joints))
+
+    def __call__(self, torque: Array, ticks: int = 1) -> Array:
+        """(k,) change of the joints' targets, under motor torques (k,)."""
+        for axis, (hips, ankles) in enumerate(self._pairs):
+            self._angles[axis] -= ticks * self._share * torque[ankles].sum()
+            self._angles[axis] = np.clip(self._angles[axis], -0.1, 0.1)
+            self._lean[hips] = self._angles[axis]
+            self._lean[ankles] = -self._angles[axis]
+        return self._lean
 
 
 def _contact_forces(model: Any, data: Any, feet: list[int]) -> Array:

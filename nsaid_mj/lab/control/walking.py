@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...base import InvalidInput, Number, Positive, Share, config
+from ...base import InvalidInput, NonNegative, Number, Positive, Share, config
 from ...core import Array, ContactPoint, JointTree, contact_jacobians
 from .driver import Driver, DriverConfig
 
 if TYPE_CHECKING:
     from ...core import SecondOrderSystem
 
-_RAMP = 0.6  # time in which a movement grows to its size, and fades [s]
 _ITERATIONS = 12  # of inverse kinematics, which need 5 inside the legs' reach
 _DAMPING = 1e-3  # of inverse kinematics, in leg lengths: keeps stretched legs from jumping
 
@@ -36,10 +35,12 @@ class Walk(DriverConfig):
         squat: duration of the squats [s]; the base also sways and tilts.
         trot: duration of the trot [s].
         wave: duration of the waving of one leg, another one in each round [s].
+        ramp: time in which each of these movements grows to its size, and fades [s].
         period: time of a step of the trot and of the next one [s].
         clearance: height to which feet are lifted [h].
         speed: largest speed of the trot [h/s].
-        sway: largest displacement of the base in squats [h].
+        depth: largest vertical displacement of the base in squats [h].
+        sway: largest horizontal one [h].
         tilt: largest angle of the base in squats [rad].
         reach: largest displacement of a foot that waves [h].
         lean: displacement of the base away from a foot that waves [distance to that foot].
@@ -48,16 +49,18 @@ class Walk(DriverConfig):
     """
 
     stance: tuple[Number, ...] = ()
-    squat: Positive = 4.0
-    trot: Positive = 7.0
-    wave: Positive = 4.0
+    squat: NonNegative = 4.0
+    trot: NonNegative = 6.0
+    wave: Positive = 5.0
+    ramp: Positive = 0.5
     period: Positive = 0.5
     clearance: Share = 0.18
     speed: Positive = 0.5
+    depth: Share = 0.15
     sway: Share = 0.15
     tilt: Share = 0.2
     reach: Share = 0.2
-    lean: Share = 0.25
+    lean: NonNegative = 0.25
     stiffness: Positive = 2.0
     damping: Positive = 0.03
 
@@ -120,7 +123,7 @@ def _motion(
         start += walk.trot
         now = _part(t, start, walk.wave)
         foot = number % len(feet)
-        moved, waved = _wave(walk, feet[foot], height, t[now] - start, rng)
+        moved, waved = _wave(walk, feet[foot] - feet.mean(axis=0), height, t[now] - start, rng)
         base[now] += moved
         steps[now, foot] += waved
     return base, steps
@@ -132,9 +135,9 @@ def _part(t: Array, start: float, duration: float) -> slice:
     return slice(int(first), int(last))
 
 
-def _envelope(t: Array, duration: float, late: float = 0.0) -> Array:
-    """(N,) a smooth 0 … 1 … 0 over a duration, which begins and ends `late` s inside it."""
-    inside = np.minimum(t - late, duration - late - t) / _RAMP
+def _envelope(t: Array, duration: float, ramp: float, late: float = 0.0) -> Array:
+    """(N,) a smooth 0 … 1 … 0 over a duration [s], which begins and ends `late` s inside it."""
+    inside = np.minimum(t - late, duration - late - t) / ramp
     share = np.clip(inside, 0.0, 1.0)
     return share**3 * (10 - 15 * share + 6 * share**2)
 
@@ -148,14 +151,14 @@ def _sines(t: Array, count: int, low: float, high: float, rng: np.random.Generat
 
 def _squats(walk: Walk, height: float, t: Array, rng: np.random.Generator) -> Array:
     """(N, 6) of the base over its feet."""
-    signals = _sines(t, 6, 0.4, 1.6, rng) * _envelope(t, walk.squat)[:, None]
-    size = np.r_[np.full(3, walk.sway * height), np.full(3, walk.tilt)]
-    return signals * size
+    signals = _sines(t, 6, 0.4, 1.6, rng) * _envelope(t, walk.squat, walk.ramp)[:, None]
+    place = height * np.array([walk.sway, walk.sway, walk.depth])
+    return signals * np.r_[place, np.full(3, walk.tilt)]
 
 
 def _trot(walk: Walk, feet: Array, height: float, t: Array, rng: np.random.Generator) -> Array:
     """(N, f, 3) of the feet: half of them swing while the others, diagonal to them, push back."""
-    envelope = _envelope(t, walk.trot)
+    envelope = _envelope(t, walk.trot, walk.ramp)
     speed = walk.speed * height * _sines(t, 2, 0.1, 0.4, rng)
     turn = walk.speed * _sines(t, 1, 0.1, 0.4, rng)[:, 0]
     steps = np.zeros((len(t), len(feet), 3))
@@ -176,10 +179,11 @@ def _wave(
 ) -> tuple[Array, Array]:
     """(N, 6) of the base, which leans away from the foot, and (N, 3) of the foot, in the air."""
     base = np.zeros((len(t), 6))
-    base[:, :2] = -walk.lean * foot[:2] * _envelope(t, walk.wave)[:, None]
-    lifted = _envelope(t, walk.wave, _RAMP)[:, None]
-    waved = lifted * walk.reach * height * _sines(t, 3, 0.5, 2.5, rng)
-    waved[:, 2] += lifted[:, 0] * walk.reach * height
+    base[:, :2] = -walk.lean * foot[:2] * _envelope(t, walk.wave, walk.ramp)[:, None]
+    lifted = _envelope(t, walk.wave, walk.ramp, walk.ramp)
+    free = _envelope(t, walk.wave, walk.ramp, 2 * walk.ramp)
+    waved = walk.reach * height * _sines(t, 3, 0.5, 2.5, rng) * free[:, None]
+    waved[:, 2] += 1.2 * walk.reach * height * lifted
     return base, waved
 
 
