@@ -56,6 +56,7 @@ from .lab.control.tracking import DesignedTracking as DesignedTracking
 from .lab.control.tracking import FourierTracking as FourierTracking
 from .lab.control.vehicle_manipulator import HoverAndReach as HoverAndReach
 from .lab.control.vehicle_manipulator import SwimAndReach as SwimAndReach
+from .lab.control.walking import Walk as Walk
 from .lab.evaluation.run_result import RunResult as RunResult
 from .lab.loop import run as run
 from .lab.plants.jointed import ArmPlant as ArmPlant
@@ -63,6 +64,7 @@ from .lab.plants.jointed import FloatingBasePlant as FloatingBasePlant
 from .lab.plants.jointed import FlyingArmPlant as FlyingArmPlant
 from .lab.plants.jointed import RoverPlant as RoverPlant
 from .lab.plants.jointed import UvmsPlant as UvmsPlant
+from .lab.plants.jointed import WalkingPlant as WalkingPlant
 from .lab.plants.listed import ListedPlant as ListedPlant
 from .lab.plants.scalar_rov import ScalarRovPlant as ScalarRovPlant
 from .lab.plants.vehicles import AstrobeePlant as AstrobeePlant

@@ -19,8 +19,9 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
-from nsaid_mj.core import ContactPoint
-from nsaid_mj.lab.control.walking import Walk, gait, standing
+from nsaid_mj.core import ContactPoint, contact_jacobians, rebuilt
+from nsaid_mj.lab.control.gait import Gait
+from nsaid_mj.lab.control.walking import Walk
 from nsaid_mj.robots import load_robot, load_tree, tree_spec
 
 Array = np.ndarray
@@ -285,15 +286,13 @@ def contact_points(robot: Any, legged: Legged) -> list[ContactPoint]:
 
 
 def _size(robot: Any, legged: Legged) -> Size:
-    from nsaid_mj.core import contact_jacobians
-
     joints = len(robot.joints)
     q = np.resize(np.array(legged.leg), joints)
     if what := [k for k, name in enumerate(robot.joints) if name in ("LH_HFE", "RH_HFE")]:
         q[what] *= -1  # ANYmal's hind knees point forward
         q[[k + 1 for k in what]] *= -1
     feet = contact_points(robot, legged)
-    at = standing(robot.system, q)
+    at = robot.system.position(np.r_[np.zeros(6), q])[None]
     places = contact_jacobians(robot.system.structure, feet, at)[1][0]
     height = -float(places[:, 2].min())
     mass = sum(inertia.mass for inertia in robot.model.inertias)
@@ -417,10 +416,10 @@ def _simulated(
     every = round(1 / (what.rate * _CONTROL))
     count = round(what.seconds * what.rate)
     ticks = np.arange(count * every + 1) * _CONTROL
-    coarse = np.arange(round(what.seconds * 100) + 2) / 100
     walk = Walk(stance=tuple(size.q), **legged.walk)
-    targets = gait(walk, robot.system, size.feet, coarse, np.random.default_rng([what.seed, 3]))
-    targets = np.stack([np.interp(ticks, coarse, column) for column in targets.T], axis=1)
+    structure = replace(robot.system.structure, contacts=tuple(size.feet))
+    system = rebuilt(robot.system, structure, robot.system.space)
+    targets = Gait(walk, system, what.seed)(ticks)
     data.qpos[at] = size.q
     data.qpos[:3] = [0.0, 0.0, size.height * (2 if what.on_stand else 1)]
     lag = round(what.late / _CONTROL)

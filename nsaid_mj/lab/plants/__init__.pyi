@@ -3,6 +3,7 @@ from .jointed import FloatingBasePlant as FloatingBasePlant
 from .jointed import FlyingArmPlant as FlyingArmPlant
 from .jointed import RoverPlant as RoverPlant
 from .jointed import UvmsPlant as UvmsPlant
+from .jointed import WalkingPlant as WalkingPlant
 from .listed import ListedPlant as ListedPlant
 from .scalar_rov import ScalarRovPlant as ScalarRovPlant
 from .vehicles import AstrobeePlant as AstrobeePlant

@@ -60,6 +60,25 @@ def give_rotors(spec: Any, system: JointTree, theta: Array) -> None:
             spec.joint(name).armature = inertia
 
 
+def give_feet(spec: Any, system: JointTree, sliding: float, softness: float) -> None:
+    """Adds level ground and the structure's round feet to MuJoCo's specification.
+
+    Contacts have a coefficient of friction `sliding`, and a time constant `softness` [s].
+    """
+    contact = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    spec.option.disableflags &= ~int(contact)
+    bodies = [body.name for body in spec.bodies][1:]
+    ground = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.1])
+    ground.friction = [sliding, 0.005, 0.0001]
+    ground.solref = [softness, 1.0]
+    ground.priority = 1  # its values hold for the contacts
+    for point in system.structure.contacts:
+        foot = spec.body(bodies[point.body]).add_geom(
+            type=mujoco.mjtGeom.mjGEOM_SPHERE, name=point.name, pos=point.centre
+        )
+        foot.size = [point.radius, 0, 0]
+
+
 def compare_engines(plant: SimulatedRobot, name: str, model: pin.Model) -> None:
     """Compares M and bias forces of MuJoCo and Pinocchio at random states, with the true inertias.
 

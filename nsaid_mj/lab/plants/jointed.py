@@ -6,7 +6,7 @@ The plants themselves are made in the files of the same names, which are importe
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -131,6 +131,7 @@ class ArmPlant(KnownPlant):
         if system.scales.actuator == "servo":
             acting[space["servo gain"]] = theta[space["servo gain"]]
         spec = arm_spec(model, system, theta, dt)
+        self._surround(spec, system)
         names = list(model.names)[1:]
         looks = robot.visuals
         try:
@@ -150,6 +151,9 @@ class ArmPlant(KnownPlant):
             check_stiffness(made, robot.name)
         return made
 
+    def _surround(self, spec: Any, system: JointTree) -> None:
+        """Adds what surrounds the robot to MuJoCo's specification: nothing."""
+
 
 @config
 class FloatingBasePlant(ArmPlant):
@@ -160,6 +164,53 @@ class FloatingBasePlant(ArmPlant):
 
     robot: Name = "solo12"
     _base: ClassVar[Literal["held", "free"]] = "free"
+
+
+@config
+class WalkingPlant(FloatingBasePlant):
+    """A robot that stands on round feet on level ground, with a motor on every joint.
+
+    Other attributes are those of `ArmPlant`.
+
+    Attributes:
+        feet: end of the names of the links at whose origins the feet's centres are.
+        foot_radius: of the feet [m].
+        sliding: coefficient of friction between feet and ground.
+        softness: time constant of the ground's contact force, MuJoCo's `solref` [s].
+    """
+
+    robot: Name = "go2"
+    feet: Name = "_foot"
+    foot_radius: Positive = 0.022  # of the go2 in MuJoCo Menagerie
+    sliding: Positive = 0.8
+    softness: Positive = 0.02
+
+    def _published(self) -> PublishedRobot:
+        """See `ArmPlant`; the structure knows where the feet are, but not the forces on them.
+
+        Raises:
+            BadRobot: no link has such a name, or as for `ArmPlant`.
+        """
+        from ...core import ContactPoint, rebuilt
+
+        known = super()._published()
+        model = known.source.model
+        links = {f.name: f for f in model.frames if f.name.endswith(self.feet) and f.parentJoint}
+        if not links:
+            remedy = "Name them: --plant.feet FOOT."
+            raise BadRobot(self.robot, "", f"no moving link's name ends in {self.feet!r}", remedy)
+        contacts = tuple(
+            ContactPoint(f.parentJoint - 1, f.placement.translation, self.foot_radius, name=name)
+            for name, f in links.items()
+        )
+        structure = replace(known.system.structure, contacts=contacts)
+        return known._replace(system=rebuilt(known.system, structure, known.system.space))
+
+    def _surround(self, spec: Any, system: JointTree) -> None:
+        """Adds the ground, and the feet."""
+        from .arm import give_feet
+
+        give_feet(spec, system, self.sliding, self.softness)
 
 
 @config
