@@ -97,7 +97,7 @@ def structural(system: SecondOrderSystem, theta: Array, rng: np.random.Generator
 def regressor_stack(system: SecondOrderSystem, theta: Array, rng: np.random.Generator) -> Array:
     """(N, p) rows of W(t, x, v, θ)·diag(scale) at random states, N about ten times p.
 
-    Of a robot with contacts they are those of E W, the forces of all contacts eliminated throughout.
+    Of a robot with contacts they are those of E W, without the forces of any contact.
     """
     count = max(20, 10 * system.p // system.n)
     if contacts := len(system.structure.contacts):

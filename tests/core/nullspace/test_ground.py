@@ -13,6 +13,7 @@ from nsaid_mj.core.structure.contacts import contact_accelerations, contact_jaco
 from tests.support.walkers import SOLE, biped, pushing_arm, quadruped
 
 COUNT = 60  # states
+LEGS = ("FL", "FR", "HL", "HR")
 
 
 @cache
@@ -112,7 +113,7 @@ def test_words_name_a_scale_for_each_leg_on_a_stand_and_one_on_the_ground():
     held, theta = quadruped(base="held")
     found = directions(structural(held, theta, np.random.default_rng(0)), held.space)
     words = [each.words for each in found if each.words.startswith("common scale")]
-    legs = [f"of {leg}_HAA, {leg}_HFE and {leg}_KFE: " for leg in ("FL", "FR", "HL", "HR")]
+    legs = [f"of {leg}_HAA, {leg}_HFE and {leg}_KFE: " for leg in LEGS]
     assert len(words) == 4 and all(map(str.__contains__, words, legs))
     system, theta = quadruped()
     found = directions(structural(system, theta, np.random.default_rng(0)), system.space)
@@ -139,3 +140,45 @@ def test_random_states_obey_dynamics_and_contacts(standing):
         np.testing.assert_allclose(moving[mask], 0.0, atol=1e-9)
         accelerating = (J @ a[:, :, None])[:, :, 0] + drift
         np.testing.assert_allclose(accelerating[mask], 0.0, atol=1e-7)
+
+
+# -- the theorem on scales, and Theorem 1 --------------------------------------------------------
+
+
+def test_the_base_compares_its_legs():
+    """Σ α_k s_k = 0 at all times only for equal α, of the base and of the legs."""
+    system, theta = quadruped()
+    rng = np.random.default_rng(3)
+    touching = np.ones((COUNT, 4), dtype=bool)
+    rows = ground_stack(system, theta, rng, touching, standing=True) / system.space.scale
+    parts = np.zeros((5, system.p))
+    for i, label in enumerate(system.space.labels):
+        owner = label.partition(" of ")[2]
+        leg = next((k for k, leg in enumerate(LEGS) if owner.startswith(leg)), -1)
+        parts[leg + 1, i] = theta[i]
+    found = split(rows @ parts.T)
+    assert found.r == 1
+    np.testing.assert_allclose(found.P[:, 0] / found.P[0, 0], 1.0, atol=1e-9)
+    assert found.gap[0] > 1e-3
+
+
+def test_theorem_1_holds_if_the_contacts_move_as_measured():
+    system, theta = quadruped()
+    rng = np.random.default_rng(4)
+    touching = np.ones((1, 4), dtype=bool)
+    q, v, u, a, _ = (part[0] for part in random_states(system, theta, rng, touching, False))
+    estimate = theta * rng.uniform(0.9, 1.1, system.p)
+    structure = system.structure
+    J = contact_jacobians(structure, structure.contacts, q[None])[0][0]
+    dv = (np.eye(system.n) - np.linalg.pinv(J) @ J) @ rng.standard_normal(system.n)
+    x = np.r_[q, v]
+    K = 20.0
+    pushed = J.T @ rng.standard_normal(len(J))
+    ahead = system.acceleration(0.0, x, v + dv, u, estimate)
+    ahead = ahead + np.linalg.solve(system.mass_matrix(x, estimate), pushed)
+    W = system.regressor(0.0, x, v + dv, ahead, u)
+    M = system.mass_matrix(x, theta)
+    forces = M @ (ahead - K * dv - a) + system.coriolis_matrix(x, theta) @ dv
+    rate = dv @ (forces + W @ (estimate - theta))  # Ṁ − 2C is skew
+    assert rate == pytest.approx(-K * dv @ M @ dv, rel=1e-9)
+    assert abs(estimate @ W.T @ dv) < 1e-9 * np.abs(W * estimate).max()
