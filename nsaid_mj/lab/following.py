@@ -22,6 +22,7 @@ from ..core import (
     State,
     Status,
 )
+from .contacts import rows_along
 from .observer import Observer, RobotDescription
 from .record import BATCH_SECONDS, RecordWriter
 from .scenario import Scenario
@@ -244,9 +245,7 @@ class Loop:
         levels = np.empty((len(log.t), 2))
         levels[:] = self.monitor.level, self.monitor.level_perp
         due = rows[(k + rows) % every == 0]
-        x = np.hstack([log.q[due], log.v[due]])
-        u = log.u[due]
-        _, W = system.evaluate(log.t[due], x, own.v_hat[due], u, own.theta_hat[due])
+        W = rows_along(system, log, due, own.v_hat[due], own.theta_hat[due])
         for j, sample in zip(due, W * system.space.scale, strict=True):
             self.monitor.add(sample, every * scenario.dt)
             levels[j:] = self.monitor.level, self.monitor.level_perp

@@ -22,6 +22,7 @@ from ...report import (
     statistic,
     velocity_names,
 )
+from ..contacts import without_contacts
 from ..loop import Run
 from .confidence import INTERVAL
 from .figures import CONVERGED, common_factor, forces_of, midpoints
@@ -233,7 +234,8 @@ def _predictions(run: Run, rows: Indices) -> list[Panel]:
     first = np.minimum(rows, len(record) - 2)
     parts = [midpoints(log.part(k, k + 2), system, 1) for k in first]
     times, x, v, u, a = (np.concatenate(part) for part in zip(*parts, strict=True))
-    terms = system.regressor(times, x, v, a, u) * record.rows("theta_hat", first)[:, None]
+    W = without_contacts(system, x[:, : log.q.shape[1]], system.regressor(times, x, v, a, u))
+    terms = W * record.rows("theta_hat", first)[:, None]
     given = terms[..., system.space.actuators].sum(axis=-1)
     labels = zip(velocity_labels(system), force_units(system), strict=True)
     names = [f"{label} [{unit}]" for label, unit in labels]

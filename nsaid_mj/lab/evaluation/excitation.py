@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from ...core import Array, level, split
+from ..contacts import rows_along
 from ..loop import Run
-from .figures import last_tenth, states, stride_of
+from .figures import last_tenth, stride_of
 from .statistics import Excitation, finite
 from .truth import Truth
 
@@ -23,11 +24,12 @@ def excitation_of(run: Run, truth: Truth | None) -> Excitation:
     if truth is None:
         return found
     stride = stride_of(len(record), system)
-    t, x, v, u = states(record.log, stride)
-    _, W = system.evaluate(t, x, v, u, truth.theta_at(t))
+    rows = slice(None, None, stride)
+    t = record.log.t[rows]
+    W = rows_along(system, record.log, rows, record.log.v[rows], truth.theta_at(t))
     since = truth.epoch(t) == truth.epoch(t[-1])
     stack = (W[since] * system.space.scale).reshape(-1, system.p)
-    error = np.einsum("kij,kj->ki", W, record.rows("theta_hat", slice(None, None, stride)))
+    error = np.einsum("kij,kj->ki", W, record.rows("theta_hat", rows))
     return replace(
         found,
         pe_level_perp=finite(level_perp),
@@ -49,14 +51,14 @@ def _levels(run: Run, truth: Truth | None) -> tuple[float, float | None, float |
     scenario = run.scenario
     log = run.record.log
     system = run.system
-    rows = round(scenario.pe_window / (scenario.dt * scenario.record_every))
-    stride = max(1, rows // _WINDOW_ROWS)
+    window = round(scenario.pe_window / (scenario.dt * scenario.record_every))
+    stride = max(1, window // _WINDOW_ROWS)
     dt = stride * scenario.record_every * scenario.dt
-    t, x, v, u = states(log, stride)
-    v_hat, theta_hat = (
-        run.record.rows(name, slice(None, None, stride)) for name in ("v_hat", "theta_hat")
-    )
-    per_window = max(1, rows // stride)
+    rows = np.arange(0, len(log.t), stride)
+    t = log.t[rows]
+    v_hat = run.record.rows("v_hat", rows)
+    theta_hat = run.record.rows("theta_hat", rows)
+    per_window = max(1, window // stride)
     full: list[float] = []
     perpendicular: list[float] = []
     shares: list[float] = []
@@ -66,14 +68,14 @@ def _levels(run: Run, truth: Truth | None) -> tuple[float, float | None, float |
             epoch = truth.epoch(t[k])
             if epoch[0] != epoch[-1]:
                 continue
-            _, W = system.evaluate(t[k], x[k], v[k], u[k], truth.theta_at(t[k]))
+            W = rows_along(system, log, rows[k], log.v[rows[k]], truth.theta_at(t[k]))
             W *= system.space.scale
             P_perp = truth.nullspace_at(float(t[start])).P_perp
             perpendicular.append(level(W, dt, P_perp))
             if W.shape[0] * W.shape[1] >= P_perp.shape[1]:
                 everything = np.sqrt(len(W)) * dt * np.linalg.norm(W)
                 shares.append(perpendicular[-1] / (everything or np.inf))
-        _, W = system.evaluate(t[k], x[k], v_hat[k], u[k], theta_hat[k])
+        W = rows_along(system, log, rows[k], v_hat[k], theta_hat[k])
         full.append(level(W * system.space.scale, dt))
     if truth is None:
         return min(full, default=0.0), None, None

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core import Array, Indices, Log, SecondOrderSystem, regressor_stack, split
+from ..contacts import without_contacts
 from ..loop import Run
 from ..source import LONGEST_STEP
 from .confidence import INTERVAL, known
@@ -163,7 +164,7 @@ def held_out_rows(
 def timed_rows(system: SecondOrderSystem, log: Log, truth: Array | None) -> tuple[Array, Array]:
     """(k,) times and (k, n, p) W(t, x, v, v̇) along a log, with the true v̇.
 
-    `truth` (p,) is θ for v̇ by (29). It is None if no θ describes the plant: v̇ is then the finite
+    `truth` (p,) is θ for v̇ by (29). It is None if no θ gives the plant's v̇: it is then the finite
     difference of measured velocities, half-way between samples.
     """
     stride = stride_of(len(log.t), system)
@@ -171,7 +172,7 @@ def timed_rows(system: SecondOrderSystem, log: Log, truth: Array | None) -> tupl
         t, x, v, u = states(log, stride)
         return t, system.evaluate(t, x, v, u, truth)[1]
     t, x, v, u, a = midpoints(log, system, stride)
-    return t, system.regressor(t, x, v, a, u)
+    return t, without_contacts(system, x[:, : log.q.shape[1]], system.regressor(t, x, v, a, u))
 
 
 def averaged_rows(system: SecondOrderSystem, log: Log) -> tuple[Array, Array]:
@@ -192,6 +193,7 @@ def averaged_rows(system: SecondOrderSystem, log: Log) -> tuple[Array, Array]:
         q, v = system.midpoints(part, hermite=False)
         a = np.diff(part.v, axis=0) / np.diff(part.t)[:, None]
         W = system.regressor(part.t[:-1], np.hstack([q, v]), v, a, part.u[:-1])
+        W = without_contacts(system, q, W)
         times[i], rows[i] = 0.5 * (part.t[0] + part.t[-1]), W.mean(axis=0)
     return times, rows
 

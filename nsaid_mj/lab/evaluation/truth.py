@@ -98,8 +98,12 @@ class Truth:
 
     @property
     def exact(self) -> Array | None:
-        """(p,) the true θ if (29) gives the plant's exact acceleration with it, else None."""
-        return None if self.mismatches else self.theta
+        """(p,) the true θ if (29) gives the plant's exact acceleration with it, else None.
+
+        It does not if unmeasured forces of contacts act.
+        """
+        touching = bool(self.system.structure.contacts)
+        return None if self.mismatches or touching else self.theta
 
 
 @overload
