@@ -55,7 +55,7 @@ class Identified:
     @property
     def rotor(self) -> Array:
         """(n,) reflected rotor inertia [kg·m² or kg]."""
-        return np.array(self.model.armature)
+        return np.array(self.model.armature)[-len(self.gain) :]
 
     @staticmethod
     def nominal(robot: RobotModel) -> Identified:
@@ -79,11 +79,11 @@ def inertial_parameters(model: pin.Model) -> Array:
 def with_inertias(model: pin.Model, inertial: Array, rotor: Array) -> pin.Model:
     """A copy of a model with other inertias: inertial (b, 10), ordered as `inertial_parameters`.
 
-    rotor (n,) is reflected [kg·m² or kg].
+    rotor (n,) is reflected [kg·m² or kg]; a floating base, before the joints, has none.
     """
     changed = pin.Model(model)
     set_inertias(changed, np.asarray(inertial))
-    changed.armature = np.asarray(rotor, dtype=np.float64)
+    changed.armature = np.append(np.zeros(model.nv - len(rotor)), rotor)
     return changed
 
 

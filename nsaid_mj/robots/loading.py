@@ -42,6 +42,7 @@ def load_tree(
     lock: Sequence[str] = (),
     joints: Sequence[str] | None = None,
     others: Sequence[str] = (),
+    floating: bool = False,
 ) -> RobotModel:
     """Reads a robot to identify: unphysical inertias are moved inside the cone, and reported.
 
@@ -50,19 +51,20 @@ def load_tree(
         lock: joints to fix, at 0 or at the nearest limit.
         joints: joints to keep; None keeps all that are not in `lock`.
         others: further names to suggest.
+        floating: whether its base floats, as a walking robot's does; else it is held.
 
     Raises:
         BadRobot: the file cannot be read, or describes a robot that is not a tree of revolute and
-            prismatic joints.
+            prismatic joints, or whose base cannot float.
         InvalidInput: a joint is to be both locked and kept.
         UnknownName: there is no such robot or joint; the message lists similar names.
     """
     file = robot_file(name, others)
-    found = _read(file.path, lock, joints)
+    found = _read(file.path, lock, joints, None, floating)
     if not file.named:
         return found
     findings = found.findings
-    if file.floats:
+    if file.floats and not floating:
         text = "its base can move; it was taken as fixed to a stand, level"
         remedy = "Use logs of the robot on a stand."
         findings += (Finding("warning", "base_held", name, text, remedy),)
@@ -70,7 +72,11 @@ def load_tree(
 
 
 def _read(
-    path: Path, lock: Sequence[str], joints: Sequence[str] | None, base: Base | None = None
+    path: Path,
+    lock: Sequence[str],
+    joints: Sequence[str] | None,
+    base: Base | None = None,
+    floating: bool = False,
 ) -> RobotModel:
     """Reads a file by its content: a URDF may be called .xml. `base` is None to identify."""
     if path.suffix.lower() == ".xacro":
@@ -84,11 +90,11 @@ def _read(
     if root is None or root.tag == "mujoco":
         from .mjcf import load_mjcf
 
-        return load_mjcf(path, lock, joints, base)
+        return load_mjcf(path, lock, joints, base, floating or base == "free")
     if root.tag == "robot":
         check_named_files(path)
         from .urdf import load_urdf
 
-        return load_urdf(path, root, encoding, lock, joints, base)
+        return load_urdf(path, root, encoding, lock, joints, base, floating or base == "free")
     reason = f"its root element is <{root.tag}>, neither <robot> nor <mujoco>"
     raise BadRobot(str(path), "", reason, REMEDY)

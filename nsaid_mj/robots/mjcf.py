@@ -38,12 +38,13 @@ def load_mjcf(
     lock: Sequence[str] = (),
     joints: Sequence[str] | None = None,
     base: str | None = None,
+    floating: bool = False,
 ) -> RobotModel:
     """Reads an MJCF or .mjb file.
 
     Its rigid tree of hinges and slides becomes Pinocchio's model, with the same mass matrix and
-    bias forces. `base` is None for a robot to identify, on a stand; the other arguments, and what
-    it raises, are those of `load_tree`: of ball joints, and of tendons and equality constraints
+    bias forces. `base` is None for a robot to identify; `floating` keeps the base's free joint. The
+    other arguments, and what it raises, are those of `load_tree`: of ball joints, and of tendons and equality constraints
     between joints that move, it raises `BadRobot`.
     """
     mj, findings = compile_file(path)[1:]
@@ -51,7 +52,7 @@ def load_mjcf(
     whole = rigid_tree(mj, name)
     names = joint_names(mj)
     free = [n for n in names if whole.joints[whole.getJointId(n)].nv == 6]
-    held = free[1:] if base == "free" else free
+    held = free[1:] if floating else free
     movable = [n for n in names if n not in free]
     laws = {} if base is not None else joint_laws(str(path), mj, names)
     if joints is not None:  # what follows a joint moves with it
@@ -60,7 +61,7 @@ def load_mjcf(
     locked = locked_joints(movable, [n for n in lock if n not in free], joints)
     locked |= set(held)
     model = reduced(whole, pin.GeometryModel(), locked, initial_pose(mj, whole, free))[0]
-    check_tree(str(path), model, base)
+    check_tree(str(path), model, base, floating)
     laws = {f: law for f, law in laws.items() if f in locked or law.leader not in locked}
     findings += check_couplings(str(path), mj, names, locked, laws)
     moving = tuple(system_joints(model))

@@ -140,15 +140,18 @@ def _built(robot: RobotModel, values: Identified) -> Node:
         body.set("pos", numbers(model.jointPlacements[i].translation))
         body.set("quat", numbers(wxyz(model.jointPlacements[i].rotation)))
         _set_inertial(body, model.inertias[i])
+        bodies.append(body)
+        if own.joint == "free":
+            SubElement(body, "freejoint", name=model.names[i])
+            continue
         kind = "slide" if own.joint == "slide" else "hinge"
         axis = numbers(np.asarray(own.axis))
-        joint = SubElement(body, "joint", name=robot.joints[i - 1], axis=axis, type=kind)
+        joint = SubElement(body, "joint", name=model.names[i], axis=axis, type=kind)
         at = model.joints[i].idx_q
         low = model.lowerPositionLimit[at]
         high = model.upperPositionLimit[at]
         if model.joints[i].nq == 1 and np.isfinite([low, high]).all() and low < high:
             joint.set("range", numbers([low, high]))
-        bodies.append(body)
     section = SubElement(root, "actuator")
     for k, name in enumerate(robot.joints):
         if values.gain[k]:
@@ -166,7 +169,7 @@ def _edited(
     if not exact:
         also += ("Its poses have six digits, since MuJoCo wrote it.",)
     names = joint_names(mj)
-    locked = [name for name in names if name not in robot.joints]
+    locked = [name for name in names if not robot.model.existJointName(name)]
     whole = rigid_tree(mj, robot.name)
     q = initial_pose(mj, whole, [n for n in names if whole.joints[whole.getJointId(n)].nv == 6])
     held = {n: float(q[whole.joints[whole.getJointId(n)].idx_q]) for n in locked}

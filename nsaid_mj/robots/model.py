@@ -116,6 +116,23 @@ class RobotModel:
         return tuple(joint for joint in self.joints if joint not in self.leaders)
 
     @property
+    def floating(self) -> bool:
+        """Whether the base of a tree of joints floats: the robot stands and walks."""
+        return self.jointed and bool(self.system.group)
+
+    @property
+    def held(self) -> bool:
+        """Whether it is a tree of joints on a fixed base: every row of its fit is a joint's."""
+        return self.jointed and not self.floating
+
+    @property
+    def walks(self) -> bool:
+        """Whether its base could move: the file has a free joint, or a link is called a foot."""
+        if self.floating or any(finding.code == "base_held" for finding in self.findings):
+            return True
+        return self.jointed and any("foot" in f.name.lower() for f in self.model.frames)
+
+    @property
     def jointed(self) -> bool:
         """Whether it is a tree of joints from a model file, and no vehicle from a sheet."""
         return self.model is not None
@@ -279,8 +296,10 @@ def reduced(
     return small, shapes
 
 
-def check_tree(robot: str, model: pin.Model, base: str | None = None) -> None:
-    """Checks that a model consists of 1-DOF joints, after a free flyer if its base is `free`.
+def check_tree(
+    robot: str, model: pin.Model, base: str | None = None, floating: bool = False
+) -> None:
+    """Checks that a model consists of 1-DOF joints, after a free flyer if its base is `floating`.
 
     `base` is None for a robot to identify, whose joints can be locked.
 
@@ -289,9 +308,10 @@ def check_tree(robot: str, model: pin.Model, base: str | None = None) -> None:
     """
     if model.nv == 0:
         raise BadRobot(robot, "", "no joint moves", "Keep at least one joint.")
-    if base == "free" and model.joints[1].nv != 6:
-        raise BadRobot(robot, "", "its base is fixed", "Use ArmPlant, or a robot that floats.")
-    for i in range(2 if base == "free" else 1, model.njoints):
+    if floating and model.joints[1].nv != 6:
+        remedy = "Use ArmPlant, or a robot that floats." if base else "Give its body a <freejoint>."
+        raise BadRobot(robot, "", "its base is fixed", remedy)
+    for i in range(2 if floating else 1, model.njoints):
         joint = model.joints[i]
         name = model.names[i]
         if joint.nv != 1:

@@ -56,11 +56,13 @@ def load_urdf(
     lock: Sequence[str] = (),
     joints: Sequence[str] | None = None,
     base: str | None = None,
+    floating: bool = False,
 ) -> RobotModel:
     """Reads a URDF.
 
-    `root` is changed; `encoding` holds findings about it. `base` is None for a robot to identify,
-    on a stand; the other arguments, and what it raises, are those of `load_tree`.
+    `root` is changed; `encoding` holds findings about it. `base` is None for a robot to identify;
+    with `floating` its root floats. The other arguments, and what it raises, are those of
+    `load_tree`.
     """
     check_urdf(path, root)
     followers = {}
@@ -72,18 +74,20 @@ def load_urdf(
         check_masses(path, root)
         warn_of_mimics(path, root)
     findings += resolve_meshes(root, path)
-    whole = _pinocchio(path, xml := etree.tostring(root, encoding="unicode"), base == "free")
+    whole = _pinocchio(path, xml := etree.tostring(root, encoding="unicode"), floating)
     names = [name for name in list(whole.names)[1:] if name not in followers]
     held = followers.keys() & set(lock)
     locked = held | locked_joints(names, [name for name in lock if name not in held], joints)
     still = {name for name, law in followers.items() if law.leader not in set(names) - locked}
     q = _configuration(whole, followers)
-    may_float = {"free": [], "held": names[:1]}.get(base or "", names)
-    floating = {n for n in may_float if whole.joints[whole.getJointId(n)].nv == 6} - locked
-    findings += [Finding("warning", "base_held", f"joint {name}", _HELD) for name in floating]
-    locked |= floating | still
+    may_float = names[1:] if floating else names
+    if base is not None:
+        may_float = [] if floating else names[:1]
+    bases = {n for n in may_float if whole.joints[whole.getJointId(n)].nv == 6} - locked
+    findings += [Finding("warning", "base_held", f"joint {name}", _HELD) for name in bases]
+    locked |= bases | still
     model = reduced(whole, pin.GeometryModel(), locked, q)[0]
-    check_tree(str(path), model, base)
+    check_tree(str(path), model, base, floating)
     if base is not None:
         check_inertias(str(path), model)
     else:
@@ -203,6 +207,10 @@ def write_urdf(robot: RobotModel, values: Identified, path: Path) -> None:
             part.set("friction", numbers(values.friction[k]))
         elif joint.get("type") != "fixed":
             held.append(name)
+    if robot.floating:
+        children = {end_of(joint, "child") for joint in root.findall("joint")}
+        first = {link.get("name", "") for link in root.findall("link")} - children
+        moving |= dict.fromkeys(first, model.names[1])
     for link in root.findall("link"):
         name = link.get("name", "")
         inertial = link.find("inertial")

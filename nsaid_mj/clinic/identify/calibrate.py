@@ -91,7 +91,7 @@ def calibrate(
     left = followed(fitted.problem, theta, covariance, fitted.share, tried, made.noisier)
     report("predicting held-out parts")
     joints = _joints(fitted, robot)
-    doubted, exact = _judged(fitted, left, joints, robot.jointed)
+    doubted, exact = _judged(fitted, left, joints, robot.held)
     logs = (recordings, validation)
     found = [*found, *doubted]
     fitted = fitted._replace(exact=exact)
@@ -180,7 +180,7 @@ def _identification(
     stated = bool((gain_spread < TRUSTED).all())
     scale = common_scale(problem, exact, fit.theta, stated, robot.weightless, known)
     found = [*found, *idle_values(problem, scale, of_parameters(robot, known))]
-    explains, sentence = verdict(joints, found, scale, robot.jointed)
+    explains, sentence = verdict(joints, found, scale, robot.held)
     common = np.zeros(2 * fit.theta.shape) if scale.fixed else scale.weights
     parameters = parameters_in_words(problem, fit, exact, gain_spread, common)
     found += added_mass(robot, parameters)

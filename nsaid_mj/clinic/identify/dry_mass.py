@@ -16,9 +16,10 @@ import numpy as np
 from ...base import Finding, InvalidInput
 from ...core import ParameterSpace, number
 from ...report import Parameter
-from ...robots import RobotModel
+from ...robots import RobotModel, with_inertias
+from .links import file_links
 
-NAMES = ("m", "mass", "dry mass")
+NAMES = ("m", "mass", "dry mass", "total mass")
 """What a user may call it in `--known`."""
 
 _SPREAD = 0.3  # standard deviation of the logarithm of a sheet's added mass
@@ -31,7 +32,7 @@ def of_parameters(robot: RobotModel, known: Mapping[str, float]) -> dict[str, fl
 
 def stated_mass(robot: RobotModel, known: Mapping[str, float]) -> float | None:
     """The dry mass among known values; None if there is none, or the sheet has no added mass."""
-    own = robot.system.space if robot.dry_mass is not None else None
+    own = robot.system.space if robot.dry_mass is not None or robot.floating else None
     if own is None:
         return None
     given = [known[name] for name in NAMES if name in known and name not in own.names]
@@ -44,6 +45,11 @@ def with_dry_mass(robot: RobotModel, mass: float) -> RobotModel:
     Raises:
         InvalidInput: it is no number > 0, or far from the sheet's, whose inertias then do not fit.
     """
+    if robot.floating:
+        links = file_links(robot.model)
+        whole = float(links[::10].sum())
+        heavier = with_inertias(robot.model, links.reshape(-1, 10) * mass / whole, robot.rotor)
+        return replace(robot, model=heavier, weighed=True)
     assert robot.prior is not None  # every vehicle has one
     assert robot.dry_mass is not None
     if not 0.5 * robot.dry_mass < mass < 2 * robot.dry_mass:

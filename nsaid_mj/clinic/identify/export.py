@@ -96,7 +96,8 @@ def identified(result: Identification) -> Identified:
     links = result.theta[: 10 * (robot.model.njoints - 1)].reshape(-1, 10)
     model = with_inertias(robot.model, links, _of(result, "rotor inertia", k))
     damping, friction = result.friction
-    speed = np.array([joint.friction_speed for joint in result.joints])
+    joints = result.joints[-k:]
+    speed = np.array([joint.friction_speed for joint in joints])
     gain = _of(result, "motor gain", k) * np.sign(robot.gain)
     couplings = tuple(
         SharedFriction((i, j), sign, *(p.value for p in result.of(f"coupling of {a} and {b}")))
@@ -105,7 +106,7 @@ def identified(result: Identification) -> Identified:
     )
     value = {p.name: p.value for p in result.parameters}
     springs = []
-    for j, joint in enumerate(result.joints):  # an offset gives the spring's rest position
+    for j, joint in enumerate(joints):  # an offset gives the spring's rest position
         if "spring" in joint.columns:
             stiffness = value[f"stiffness_{j + 1}"]
             springs.append(Spring(j, stiffness, -value[f"offset_{j + 1}"] / stiffness))
@@ -137,6 +138,13 @@ def _of(result: Identification, block: str, k: int) -> Array:
 
 def _followed(result: Identification, values: Identified) -> Finding:
     """Deviation of the exported model from the log, compared with the original model file."""
+    if result.robot.floating:
+        text = (
+            "the exported model was not simulated along the log: a simulated foot touches down a "
+        )
+        text += "moment earlier or later than the real one, and from then on the motions have "
+        text += "nothing to do with each other; the errors above are those of its forces"
+        return Finding("note", "replay", "", text)
     try:
         exported, nominal = (
             replay(result.robot, own, result.recordings)

@@ -67,7 +67,7 @@ PASSES = 3
 def foreign_phases(found: Identification) -> list[ForeignPhase]:
     """The other phases of the logs of a fit; none where it explains them well."""
     errors = np.array([joint.held_out for joint in found.joints])
-    if not (errors > _WELL).any():
+    if found.robot.floating or not (errors > _WELL).any():  # forces of contact are no other phase
         return []
     problem = found.fitted.problem
     windows = _LogWindows(problem)

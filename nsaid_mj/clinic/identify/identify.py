@@ -132,6 +132,8 @@ def identify_forces(
 ) -> Identification:
     """Identifies a robot from logs whose commands are forces, in any unit; see `identify`."""
     check_choice("law", law)
+    from .models import floating
+
     report("reading the model")
     robot = _robot(model, lock, joints)
     files, chosen = files_of(model, _listed(logs), mapping)
@@ -141,6 +143,8 @@ def identify_forces(
     recordings = recordings_of(files, chosen, robot)
     other = chosen if validate_mapping is None else _read_map(validate_mapping)
     validation = _validation(_listed(validate), other, robot)
+    if recordings.imu is not None:
+        robot = floating(robot)
     options = _options(robot, columns, coupled(chosen), delay, cutoff, loads)
     options = replace(options, known=known or {})
     return _fitted(robot, recordings, validation, options, law, folder, report)

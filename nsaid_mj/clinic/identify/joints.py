@@ -421,6 +421,9 @@ def nearest_friction(problem: FitProblem, theta: Array) -> tuple[Array, Array]:
     if not {block.name for block in space.blocks}.issuperset(pair.block for pair in pairs):
         return np.zeros(0), np.zeros(0)
     found = []
+    own = [space[pair.block] for pair in pairs]
+    if own[0].stop - own[0].start < problem.Y.shape[1] and len(used) == len(pairs):
+        return theta[own[0]], theta[own[1]]  # a floating base comes first, and there is no other
     for j in range(problem.Y.shape[1]):
         rows = problem.Y[problem.usable[:, j], j]
         own = [f"{pair.letter}_{j + 1}" for pair in pairs]

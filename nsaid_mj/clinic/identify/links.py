@@ -15,7 +15,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ...base import InvalidInput, UnknownName, pin
-from ...core import Array, Block, Indices, SecondOrderSystem, body_names, link_block, positions
+from ...core import (
+    Array,
+    Block,
+    Indices,
+    SecondOrderSystem,
+    body_names,
+    floats,
+    link_block,
+    positions,
+)
 from .loads import Load
 from .problem import size_weights
 
@@ -93,15 +102,16 @@ def weight_of(model: pin.Model, coordinates: Array) -> Array:
 
 
 def link_blocks(model: pin.Model) -> list[Block]:
-    """The links' blocks of θ."""
+    """The links' blocks of θ, of a floating base number 0."""
     from ...lab import extent
 
     names = body_names(model)
+    base = int(floats(model))
     blocks = []
     for i in range(1, model.njoints):
         inertia = model.inertias[i]
         length = max(extent(inertia), 1e-3)
-        blocks.append(link_block(i, names[i - 1], float(inertia.mass), length))
+        blocks.append(link_block(i - base, names[i - 1], float(inertia.mass), length))
     return blocks
 
 

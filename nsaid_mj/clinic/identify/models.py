@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -84,6 +85,20 @@ def load_robot_model(
         top_speed=_top_speed(config),
         dry_mass=_dry_mass(config),
     )
+
+
+def floating(robot: RobotModel) -> RobotModel:
+    """The same robot with a base that floats.
+
+    Raises:
+        BadRobot: its base is fixed to the world in its file.
+    """
+    if robot.floating:
+        return robot
+    assert robot.file is not None
+    found = load_tree(str(robot.file), (), robot.joints, floating=True)
+    findings = tuple(f for f in found.findings if f.code != "servo" or f in robot.findings)
+    return replace(found, name=robot.name, source=robot.source, findings=findings)
 
 
 def _top_speed(config: PlantConfig) -> float:

@@ -4,10 +4,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...core import Array, bones, positions
+from ...core import Array, bones
 from ...report import BAD, COLOURS, GRID, INK, WIDTH, style, svg
 from ...report import Figure as PageFigure
 from . import wording
+from .ground.poses import poses
 from .result import Identification
 
 _AZIMUTH = np.radians(-52.0)
@@ -27,15 +28,18 @@ def picture(result: Identification) -> PageFigure | None:
     """The robot in the first pose of its log; None if its model has no joints to draw."""
     model = result.robot.model
     segment = result.recordings.segments[0]
+    first = segment._replace(
+        log=segment.log.part(0, 1), imu=None if segment.imu is None else segment.imu[:1]
+    )
     if model is None or model.njoints < 2 or not np.isfinite(segment.log.q[0]).all():
         return None
-    segments = bones(model, positions(model, segment.log.q[:1]))[0]
+    segments = bones(model, poses(result.robot, result.recordings, first)[0])[0]
     flat = segments @ np.stack([_RIGHT, _UP], axis=1)  # (bones, 2 ends, 2 axes)
     size = float(np.ptp(flat.reshape(-1, 2), axis=0).max())
     if not np.isfinite(size) or size <= 0:
         return None
-    joints = flat[: model.njoints - 1, 0]
-    names = list(model.names)[1:]
+    names = list(result.robot.joints)
+    joints = flat[: len(names), 0]
     marks = {j.name: wording.quality(j.held_out).kind for j in result.joints}
     with style():
         figure = Figure(figsize=(WIDTH, max(3.0, 0.09 * len(names) + 1)))

@@ -60,6 +60,9 @@ class FitProblem:
     inertia: Array | None = None
     # (p,) whether a parameter is that of an actuator whose command never changes; None if none is
     steady: Mask | None = None
+    # (n, p) w_i with w_iᵀθ the force of a velocity's actuators over the whole log, if its rows are
+    # of a part in which they do little, such as a leg's in swing; 0 for others, None without any
+    whole: Array | None = None
 
     def select(self, rows: Indices | Mask) -> FitProblem:
         """The problem of some of the rows (N,), as indices or a mask."""
@@ -93,6 +96,8 @@ class FitProblem:
         0 for a velocity with fewer than two rows.
         """
         acting, inertial = self._deviations(theta)
+        if self.whole is not None:
+            acting = np.where(acting > 0, np.fmax(acting, self.whole @ theta), acting)
         return np.where(acting > _IDLE * inertial, acting, inertial)
 
     def hardly_moved(self, theta: Array, units: Sequence[str]) -> Mask:

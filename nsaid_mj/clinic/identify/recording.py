@@ -36,6 +36,7 @@ from ...report import (
 from ...report import Panel as Curves
 from ...robots import RobotModel
 from . import wording
+from .ground.poses import poses
 from .result import Identification, recording_shifts
 
 if TYPE_CHECKING:
@@ -59,8 +60,13 @@ def record(page: Page, file: Path) -> Path:
     result = page.result
     assert isinstance(result, Identification)
     moved = recording_shifts(result.recordings)
-    moving = zip(moved, (segment.log for segment in result.recordings.segments), strict=True)
-    camera, draw = moving_robot(result.robot, [(log.t + s, log.q, log.v) for s, log in moving])
+    motion = []
+    for shift, segment in zip(moved, result.recordings.segments, strict=True):
+        q, v = segment.log.q, segment.log.v
+        if result.robot.floating:
+            q, v = poses(result.robot, result.recordings, segment)
+        motion.append((segment.log.t + shift, q, v))
+    camera, draw = moving_robot(result.robot, motion)
     lines = lines_of(result.curves)
     ends = [float(p.t[-1]) for p in result.curves if isinstance(p, Comparison) and len(p.t)]
     plots = Plots(lines, max(ends) if ends else None)
@@ -92,7 +98,7 @@ def moving_robot(
         rows = np.unique(np.append(np.arange(0, len(t), stride), len(t) - 1))
         parts.append((t[rows], q[rows], v[rows]))
     t, q, v = (np.concatenate(part) for part in zip(*parts, strict=True))
-    if robot.jointed:
+    if robot.held:
         q = system.position(q)
     t[:1] = np.minimum(t[:1], 0.0)  # where the plots begin, the robot is there already
     if scene.empty:

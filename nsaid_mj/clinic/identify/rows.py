@@ -65,12 +65,17 @@ class Rows:
         return np.concatenate([self.chosen.rows(function(motion)) for motion in self.motions])
 
     def regressor(
-        self, system: SecondOrderSystem, pick: Pick, commands: Sequence[Array] | None = None
+        self,
+        system: SecondOrderSystem,
+        pick: Pick,
+        commands: Sequence[Array] | None = None,
+        free: Sequence[Array] | None = None,
     ) -> Array:
         """(N, ...) rows of the picked entries of a system's W(t, x, v, v̇).
 
         Positions of the smoothed motion are those of the system. `commands` are (M, n_u) of every
-        motion, at its times; None for 0.
+        motion, at its times; None for 0. `free` are (M, n, n) E of every motion, by which its W is
+        multiplied before the filter; None for W as it is.
         """
         found = []
         half = len(self.chosen.kernel) // 2
@@ -85,6 +90,8 @@ class Rows:
                 if commands is not None:
                     u = commands[number][part]
                 W = system.regressor(motion.t[part], x, v, motion.a[part], u)
+                if free is not None:
+                    W = free[number][part] @ W
                 found.append(self.chosen.rows(pick(W)))
         return np.concatenate(found)
 

@@ -38,11 +38,11 @@ def quantity(result: Identification, joint: int) -> tuple[str, str]:
     """Symbol and unit of a joint's curves: its command, or forces if not each has an actuator."""
     names = [j.name for j in result.joints]
     system = result.robot.system
-    if not result.robot.jointed and not set(names) <= set(result.robot.joints):
+    if not result.robot.held and not set(names) <= set(result.robot.joints):
         units = system.velocity_units
         angular = len(units) == len(names) and units[joint].startswith("rad")
         return ("torque", "N·m") if angular else ("force", "N")
-    if result.robot.jointed and len(result.gains) < len(names):
+    if result.robot.held and len(result.gains) < len(names):
         hinge = not slides(result.robot.model.joints[joint + 1])
         return ("torque", "N·m") if hinge else ("force", "N")
     units = result.recordings.command_units
@@ -51,7 +51,7 @@ def quantity(result: Identification, joint: int) -> tuple[str, str]:
 
 def rows_of(result: Identification) -> tuple[str, str]:
     """The names of a row of the fit, singular and plural: joint, or a vehicle's velocity."""
-    return ("joint", "joints") if result.robot.jointed else ("velocity", "velocities")
+    return ("joint", "joints") if result.robot.held else ("velocity", "velocities")
 
 
 def title_of(fit: JointStructure, validation: bool = False) -> str:

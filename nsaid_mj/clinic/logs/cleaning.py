@@ -61,7 +61,10 @@ def clean(table: LogTable, layout: Layout) -> tuple[Cleaned, tuple[Finding, ...]
             orders[key] = signals.order(channel.t)
             said = _disorder(table.source, channel, orders[key])
             findings += [finding for finding in said if finding not in findings]
-        found[name] = _clean_one(table.source, source, channel, orders[key], findings)
+        jumps = False
+        if layout.imu is not None:  # velocities do at every touch-down
+            jumps = source.quantity == "velocity" or source in layout.imu.sources
+        found[name] = _clean_one(table.source, source, channel, orders[key], findings, jumps)
     return Cleaned(table.source, layout, found), tuple(findings)
 
 
@@ -112,7 +115,9 @@ def _clean_one(
     channel: Channel,
     order: signals.Order,
     findings: list[Finding],
+    jumps: bool = False,
 ) -> Signal:
+    """The signal of a channel; where it `jumps` by itself, no value counts as an outlier."""
     where = f"{file}, {source.column.column}"
     values = channel.values[order.index] * source.factor
     present = np.isfinite(values)
@@ -127,12 +132,14 @@ def _clean_one(
         row = row[present]
     if source.angle:
         raw = np.sign(source.factor) * abs(source.column.ratio)  # a whole turn in the column's unit
-        x_turns, jumps = signals.unwrap(x * raw)
-        if len(jumps):
+        x_turns, turned = signals.unwrap(x * raw)
+        if len(turned):
             x = x_turns / raw
             text = "jumps of a whole turn were removed"
-            findings.append(about_rows("note", "wrapped_angle", where, row[jumps], text))
-    bad = signals.outliers(t, x) if source.quantity != "command" else np.zeros(0, int)
+            findings.append(about_rows("note", "wrapped_angle", where, row[turned], text))
+    bad = np.zeros(0, int)
+    if source.quantity != "command" and not jumps:
+        bad = signals.outliers(t, x)
     if len(bad):
         good = np.setdiff1d(np.arange(len(x)), bad)
         away = float(np.max(np.abs(x[bad] - np.interp(t[bad], t[good], x[good]))))

@@ -13,6 +13,7 @@ from ...core import Array, continuous_signs
 from ...robots import RobotModel
 from . import matching
 from .flight import flight_map
+from .imu import ImuColumns, imu_columns
 from .mapping import ChannelSource, ColumnMap, Joint, Map, Quantity, Vehicle, matrix, si
 from .pd_law import PdLaw, known_gains
 from .tables import Channel, LogTable, channel_names, told_apart
@@ -40,11 +41,13 @@ class Layout(NamedTuple):
     pd: PdLaw | None = None  # law that makes torques of the commands, then targets; None for forces
     # robot whose joints without a source follow those that have one; None if all have one
     led: RobotModel | None = None
+    imu: ImuColumns | None = None  # IMU of a robot that walks; None on a fixed base
 
     @property
     def sources(self) -> tuple[ChannelSource, ...]:
         """All sources: positions, velocities, commands."""
         more = self.pd.sources if self.pd else ()
+        more = (*more, *(self.imu.sources if self.imu else ()))
         return (*self.positions, *filter(None, (*self.velocities, *self.commands)), *more)
 
     @property
@@ -104,6 +107,8 @@ class Layout(NamedTuple):
     @property
     def quaternion(self) -> tuple[str, ...]:
         """Columns of the orientation: those of the map, or of a run of ours; () without one."""
+        if self.imu is not None:
+            return self.imu.orientation
         if self.vehicle is not None:
             count = 4 if self.vehicle.quaternion else 0
             return tuple(
@@ -193,6 +198,7 @@ def layout(
         matrix("torque", mapping.coupling.torque, n),
         pd=pd,
         led=robot if robot.coupling else None,
+        imu=imu_columns(mapping, channels, robot.walks),
     )
     if robot.coupling is not None and made.coupling is not None:
         made = made._replace(coupling=robot.coupling.ratio @ made.coupling)

@@ -402,6 +402,40 @@ class Vehicle:
         return (*self.pose, *(self.linear or ()), *(self.angular or ()))
 
 
+@config
+class Imu:
+    """What an IMU on the base of a walking robot measures, and where it sits."""
+
+    # world's orientation of the IMU, from its axes to the world's, whose z is up
+    orientation: Four
+    gyro: Three  # angular velocity along its axes
+    accelerometer: Three | None = None  # specific force along its axes: 9.81 m/s² upwards at rest
+    # order of the orientation's columns; None to find it: at rest the force points upwards
+    order: Literal["xyzw", "wxyz"] | None = None
+    inverse: Flag = False  # whether the orientation is from the world's axes to the IMU's
+    gyro_unit: Literal["rad/s", "deg/s"] = "rad/s"
+    accelerometer_unit: Literal["m/s²", "g"] | None = None  # None to find it by gravity
+    # site, link or frame of the model file at the IMU; None for one called imu, or the base's own
+    site: Name | None = None
+    place: tuple[Number, Number, Number] | None = None  # place in the base's frame instead [m]
+    # roll, pitch and yaw of its axes in the base's frame [deg]
+    turn: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Its columns: 4 of the orientation, 3 of the gyroscope, 3 of the accelerometer or none."""
+        return (*self.orientation, *self.gyro, *(self.accelerometer or ()))
+
+
+@config
+class Contacts:
+    """Where a walking robot touches the ground."""
+
+    feet: tuple[Name, ...] = ()  # geoms, sites, links or frames; () to find them in the model file
+    radius: NonNegative | None = None  # of round feet [m]; None for that of the file, or 0
+    flat: Flag | None = None  # whether a foot also exerts torques; None to see it from its shape
+
+
 Span = Annotated[tuple[Number, ...], Field(min_length=2, max_length=2)]
 
 
@@ -438,6 +472,8 @@ class Map:
     profile: Profile | None = None
     # law of motors whose commands are position targets; None if the commands are forces
     pd: Pd | None = None
+    base: Imu | None = None  # IMU of a robot that stands and walks; None to find its columns
+    contacts: Contacts = field(default_factory=Contacts)  # feet of such a robot
 
 
 _ADAPTER = TypeAdapter(Map)

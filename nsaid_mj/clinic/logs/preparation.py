@@ -22,6 +22,7 @@ from .cleaning import (
     rows_of,
     short_stated,
 )
+from .imu import ImuColumns, read_imu
 from .layout import ChannelSource, Layout, apart, layout, pose_velocity, with_angles
 from .mapping import Map
 from .pd_law import held_mean
@@ -114,6 +115,8 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
         made.vehicle,
         tuple(seen),
         made.on_leaders(made.pd.feedback) if made.pd else None,
+        made.imu.stated if made.imu else None,
+        mapping.contacts,
     )
 
 
@@ -227,7 +230,8 @@ def _segments(
     made = log.made
     source = log.source
     reference = log.reference
-    drop_rest = robot.jointed and mapping.drop_rest
+    # the weight of a robot that stands still is told by the joints at rest
+    drop_rest = robot.jointed and mapping.drop_rest and made.imu is None
     if any(velocity is None for velocity in made.velocities):
         text = f"velocities are derived from positions up to {signals.bandwidth(rate):g} Hz"
         missing = [j for j, v in zip(robot.leaders, made.velocities, strict=False) if v is None]
@@ -274,7 +278,9 @@ def _segments(
             findings += cut_rest(log, grid, kept)
         if kept.stop > kept.start:
             rows = rows_of(reference, grid[kept.start], grid[kept.stop - 1])
-            segments.append(LogSegment(own.part(kept.start, kept.stop), usable[kept], source, rows))
+            part = own.part(kept.start, kept.stop)
+            imu = None if made.imu is None else _imu(part.t, log, made.imu, findings)
+            segments.append(LogSegment(part, usable[kept], source, rows, imu))
     if segments and drop_rest:
         findings.append(limits_stated(source, segments, limits, robot.joints))
     return segments, seen
@@ -301,6 +307,14 @@ def _log(grid: Array, log: Cleaned, hold: bool, rate: float) -> Log:
         v = made.v(v_raw, q)
     u = _by_pd(grid, log, q, v) if made.pd else made.u(on_grid(made.commands, hold))
     return Log(grid, made.placed(q, v, rate), v, u)
+
+
+def _imu(grid: Array, log: Cleaned, imu: ImuColumns, findings: list[Finding]) -> Array:
+    """(N, 10) readings of the IMU on a grid; new findings are added."""
+    raw = [signals.resample(log.of(s), grid) + s.column.zero for s in imu.sources]
+    readings, said = read_imu(imu, np.column_stack(raw))
+    findings += [finding for finding in said if finding not in findings]
+    return readings
 
 
 def _by_pd(grid: Array, log: Cleaned, q: Array, v: Array) -> Array:

@@ -1,6 +1,6 @@
 """The data between reading and fitting: the segments of a robot's logs."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ...base import Finding
 from ...core import Log
 from ...robots import RobotModel
-from .mapping import Vehicle
+from .mapping import Contacts, Imu, Vehicle
 from .phases import LogPhase
 
 
@@ -25,6 +25,9 @@ class LogSegment(NamedTuple):
     usable: NDArray[np.bool_]
     source: str  # file name
     rows: tuple[int, int]  # (first, last) row of the file, for messages
+    # (N, 10) of a walking robot's IMU: orientation x, y, z, w, angular velocity [rad/s] and specific
+    # force [m/s²] along the IMU's own axes; None of a robot on a fixed base
+    imu: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,8 @@ class Recordings:
     # (2, n) gains of the measured positions and velocities in the commands, of motors under a PD
     # law: they act at once, while what else the commands hold may act late; None without feedback
     feedback: NDArray[np.float64] | None = None
+    imu: Imu | None = None  # how the IMU of a walking robot was read; None on a fixed base
+    contacts: Contacts = field(default_factory=Contacts)  # feet of such a robot
 
     def driven(self, robot: RobotModel) -> list[int]:
         """Numbers of the joints with a motor, from 0.

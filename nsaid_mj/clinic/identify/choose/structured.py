@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from ....robots import RobotModel
 from ...logs.recordings import Recordings
+from ..ground.search import structured_ground
 from ..result import Options, Structured
 from .joint_search import structured_arm
 from .vehicle_search import structured_vehicle
@@ -22,4 +23,6 @@ def structured(
     is called with the name of every stage.
     """
     search = structured_arm if robot.jointed else structured_vehicle
+    if robot.floating:
+        search = structured_ground
     return search(robot, recordings, validation, options, report)

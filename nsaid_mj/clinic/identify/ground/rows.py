@@ -1,0 +1,316 @@
+"""Rows of a robot that stands and walks: its balance without the forces on its feet.
+
+With J the Jacobian of the feet and E Jᵀ = 0, E W θ = 0 for every contact force (`core`'s
+`Elimination`). The base enters by its IMU alone. In axes of the base, with velocity (0, ω, q̇) and
+acceleration (f + Rᵀ g, ω̇, q̈), f the specific force at the base's origin, W is that of the robot
+in the world, since neither a constant velocity nor a place changes it:
+
+    m (v̇ + ω × v − Rᵀ g) = m f.
+
+Contact forces jump at touch-down. So E is applied to the samples, before the rows' filter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from ....base import pin
+from ....core import (
+    Array,
+    Block,
+    Column,
+    ContactPoint,
+    Elimination,
+    ParameterSpace,
+    Rotor,
+    contact_jacobians,
+    rotation,
+    slides,
+)
+from ....robots import RobotModel
+from ...logs.imu import GRAVITY
+from ...logs.recordings import LogSegment, Recordings
+from ..choose.columns import COLUMNS, SPEEDS, joint_column
+from ..joints import FILE, TRUSTED
+from ..links import file_links, link_blocks
+from ..problem import FitProblem, Mask, Size
+from ..rows import Rows, unrolled, with_columns
+from ..smoothing import Filter, Smooth, delayed, fed_back, slope, smooth_commands
+
+BASE = 6
+"""Velocities of the base, before those of the joints."""
+
+_STRAIGHT = 30.0  # condition, over its median, from which a leg counts as stretched
+_WIDE = 2.0  # standard deviation of log θ of frictions and rotors: a factor of 7
+FRICTIONS = ("rotor", "viscous", "coulomb")
+"""Columns of every joint."""
+_WEIGHED = 0.002  # standard deviation of the logarithm of a weighed robot's mass
+
+
+@dataclass(frozen=True)
+class Ground:
+    """What a robot's rows on the ground depend on, beside its joints' logs."""
+
+    feet: list[ContactPoint]  # that may touch
+    imu: pin.SE3  # pose of the IMU in the base's frame
+    clock: float = 0.0  # how late the IMU's readings are, against the joints' [s]
+    # (N, feet) whether each touches, at the samples of every segment; None for all of them
+    touching: tuple[Array, ...] | None = None
+
+
+class GroundRows(Rows):
+    """All columns of a walking robot's segments, without contact forces, filtered once.
+
+    `speed` is the index of s of tanh(v/s) in `SPEEDS`.
+
+    Attributes:
+        gain: (k,) expected gains.
+        spread: (k,) standard deviations of their logarithms.
+        system: the robot's, base first, with an angle as the position of every joint.
+        space: θ: links, rotors, frictions, gains.
+        fixed: (N, n, p) rows of everything but the commands.
+        condition: (N,) of every motion's Jacobian; see `Elimination`.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        recordings: Recordings,
+        chosen: Filter,
+        ground: Ground,
+        speed: int,
+    ):
+        self.robot = robot
+        self.ground = ground
+        self.gain = np.abs(robot.gain)
+        self.spread = np.ones(len(self.gain))
+        self.speed = speed
+        self.system = unrolled(robot.system)
+        super().__init__(recordings, chosen, self._smooth)
+        self.driven = recordings.driven(robot)
+        law = recordings.feedback
+        self._commands = [(s, smooth_commands(s, chosen, law)) for s in self.segments]
+        self.eliminated = [self._eliminated(k, motion) for k, motion in enumerate(self.motions)]
+        self.usable &= self._sure()
+        self.space = self._space()
+        system = with_columns(
+            self.system, self.terms(self.space)[0], self._rotors(), len(self.space)
+        )
+        E = [each.E for each in self.eliminated]
+        self.fixed = self.regressor(system, lambda W: W, free=E)
+
+    def expect(self, gain: Array, spread: Array) -> None:
+        """Sets expected gains (k,) and the standard deviations of their logarithms (k,)."""
+        self.gain = gain
+        self.spread = spread
+        self.space = self._space()
+
+    def like(
+        self,
+        recordings: Recordings | None = None,
+        ground: Ground | None = None,
+        speed: int | None = None,
+        chosen: Filter | None = None,
+    ) -> GroundRows:
+        """The rows of other recordings, another filter or friction, or other assumptions."""
+        other = GroundRows(
+            self.robot,
+            recordings or self.recordings,
+            chosen or self.chosen,
+            ground or self.ground,
+            self.speed if speed is None else speed,
+        )
+        other.expect(self.gain, self.spread)
+        other.usable[:, :BASE] &= self.usable[:, :BASE].any()
+        return other
+
+    def _smooth(self, segment: LogSegment, chosen: Filter) -> Smooth:
+        """The smoothed motion of base and joints of a segment."""
+        assert segment.imu is not None
+        log = segment.log
+        pick = slice(None, None, chosen.every)
+        joints = chosen.low_pass(log.q)
+        rates = slope(log.t, joints) if chosen.differentiate else chosen.low_pass(log.v)
+        imu = _at_time(log.t, segment.imu, self.ground.clock)
+        turn = self.ground.imu.rotation
+        spin = chosen.low_pass(imu[:, 4:7] @ turn.T)
+        spun = slope(log.t, spin)
+        lever = self.ground.imu.translation
+        force = chosen.low_pass(imu[:, 7:10] @ turn.T)
+        force = force - np.cross(spun, lever) - np.cross(spin, np.cross(spin, lever))
+        quaternion = chosen.low_pass(turned(imu[:, :4], turn))
+        quaternion /= np.linalg.norm(quaternion, axis=1)[:, None]
+        down = np.array([rotation(x).T @ [0.0, 0.0, -GRAVITY] for x in quaternion])
+        none = np.zeros_like(force)
+        q = np.hstack([none, quaternion, joints])
+        v = np.hstack([none, spin, rates])
+        a = np.hstack([force + down, spun, slope(log.t, rates)])
+        usable = np.repeat(segment.usable.all(axis=1)[:, None], v.shape[1], axis=1)
+        return Smooth(log.t[pick], q[pick], v[pick], a[pick], usable[pick])
+
+    def _eliminated(self, number: int, motion: Smooth) -> Elimination:
+        touching = None
+        if self.ground.touching is not None:
+            at = self.recordings.segments.index(self.segments[number])
+            touching = self.ground.touching[at][:: self.chosen.every].astype(bool)
+        return Elimination(self.system.structure, self.ground.feet, motion.q, touching)
+
+    def jacobian(self, number: int) -> Array:
+        """(M, c, n) J of all feet along a motion; see `contact_jacobians`."""
+        structure = self.system.structure
+        return contact_jacobians(structure, self.ground.feet, self.motions[number].q)[0]
+
+    def _sure(self) -> Mask:
+        """(N, n) rows near which no leg is stretched, and in which a velocity's forces appear."""
+        found = []
+        typical = np.median(np.concatenate([each.condition for each in self.eliminated]))
+        half = len(self.chosen.kernel) // 2
+        for each, motion in zip(self.eliminated, self.motions, strict=True):
+            centres = self.chosen.centres(len(motion.t))
+            bad = each.condition > _STRAIGHT * typical
+            near = scipy.ndimage.maximum_filter1d(bad, 2 * half + 1)
+            own = np.diagonal(each.E, axis1=1, axis2=2) > 0.5
+            own = scipy.ndimage.minimum_filter1d(own, 2 * half + 1, axis=0)
+            own[:, :BASE] = True
+            found.append(own[centres] & ~near[centres][:, None])
+        return np.concatenate(found)
+
+    def _space(self) -> ParameterSpace:
+        model = self.robot.model
+        joints = self.robot.joints
+        blocks = list(link_blocks(model))
+        for name in FRICTIONS:
+            column = COLUMNS[name]
+            kinds = [self._slides(j) for j in range(len(joints))]
+            blocks.append(
+                Block(
+                    column.block,
+                    tuple(f"{column.letter}_{j + 1}" for j in range(len(joints))),
+                    tuple(column.unit[kind] for kind in kinds),
+                    self._guess(name),
+                    "positive",
+                    labels=tuple(f"{column.block} of {joint}" for joint in joints),
+                )
+            )
+        units = self.recordings.command_units
+        blocks.append(
+            Block(
+                "motor gain",
+                tuple(f"gain_{j + 1}" for j in self.driven),
+                tuple(f"{('N·m', 'N')[self._slides(j)]}/{units[j] or 'unit'}" for j in self.driven),
+                self.gain[self.driven],
+                "positive",
+                True,
+                labels=tuple(f"gain of {joints[j]}" for j in self.driven),
+            )
+        )
+        return ParameterSpace(tuple(blocks))
+
+    def _guess(self, name: str) -> Array:
+        """(k,) guesses of a friction: the file's, or a share of the typical command."""
+        robot = self.robot
+        given = {"rotor": robot.rotor, "viscous": robot.damping, "coulomb": robot.friction}[name]
+        moved = {
+            "rotor": self.joined(lambda motion: motion.a[:, BASE:]),
+            "viscous": self.joined(lambda motion: motion.v[:, BASE:]),
+            "coulomb": np.ones((1, len(given))),
+        }[name]
+        u = self.commands(np.zeros(len(self.gain))) * self.gain
+        force = np.sqrt(np.mean(u**2, axis=0))
+        guess = COLUMNS[name].share * force / np.maximum(np.sqrt(np.mean(moved**2, axis=0)), 1e-9)
+        guess = np.maximum(guess, 1e-9)
+        return np.where(given > 0, np.minimum(given, guess / COLUMNS[name].share), guess)
+
+    def _slides(self, joint: int) -> bool:
+        return slides(self.robot.model.joints[joint + 2])
+
+    def terms(self, space: ParameterSpace) -> tuple[list[Column], list[Rotor]]:
+        """Columns of friction, then of motors, and rotors, on the joints' velocities."""
+        columns = []
+        for joint in range(len(self.robot.joints)):
+            for name in ("viscous", "coulomb"):
+                at = space.index(f"{COLUMNS[name].letter}_{joint + 1}")
+                speeds = SPEEDS[self.speed], 0.0
+                columns.append(joint_column(name, at, BASE + joint, speeds, np.zeros(0)))
+        pairs = zip(space.actuators.tolist(), self.driven, strict=True)
+        columns += [Column("motor", at, dof=BASE + j, input=j) for at, j in pairs]
+        return columns, self._rotors()
+
+    def _rotors(self) -> list[Rotor]:
+        letter = COLUMNS["rotor"].letter
+        joints = range(len(self.robot.joints))
+        return [Rotor(BASE + j, self.space.index(f"{letter}_{j + 1}")) for j in joints]
+
+    def acting(self, number: int, delay: Array) -> Array:
+        """(M, k) unfiltered commands of a motion, late by (k,) seconds."""
+        segment, curve = self._commands[number]
+        u = delayed(segment, self.chosen, curve, delay)
+        motion = self.motions[number]
+        law = self.recordings.feedback
+        if law is not None:
+            u = u - fed_back(law, motion.q[:, BASE + 1 :], motion.v[:, BASE:])
+        return u * np.sign(self.robot.gain)
+
+    def commands(self, delay: Array) -> Array:
+        """(N, k) filtered commands, delayed by (k,) seconds."""
+        return np.concatenate(
+            [self.chosen.rows(self.acting(k, delay)) for k in range(len(self.motions))]
+        )
+
+    def problem(self, delay: Array) -> FitProblem:
+        """The fit with commands that act late by (k,) seconds."""
+        space = self.space
+        at = space.actuators
+        Y = self.fixed.copy()
+        acting = []
+        for number, each in enumerate(self.eliminated):
+            u = self.acting(number, delay)[:, self.driven]
+            own = each.E[:, :, [BASE + j for j in self.driven]]
+            acting.append(self.chosen.rows(-own * u[:, None, :]))
+        Y[:, :, at] = np.concatenate(acting)
+        own = file_links(self.robot.model)
+        frictions = np.concatenate([self._guess(name) for name in FRICTIONS])
+        prior = np.concatenate([own, frictions, self.gain[self.driven]])
+        spread = np.full(len(space), np.inf)
+        spread[len(own) : len(own) + len(frictions)] = _WIDE
+        spread[at] = self.spread[self.driven]
+        none = np.zeros(len(space), dtype=bool)
+        stated = none.copy()
+        stated[at] = self.spread[self.driven] < TRUSTED
+        weights = total_mass(self.robot, len(space))
+        limb = np.zeros(len(space), dtype=np.intp)
+        deviation = _WEIGHED if self.robot.weighed else FILE
+        size = Size(weights[None], limb, deviation, stated)
+        whole = np.zeros((self.system.n, len(space)))
+        whole[[BASE + j for j in self.driven], at] = self.commands(delay)[:, self.driven].std(
+            axis=0
+        )
+        of_rows = (self.usable, self.t, self.segment)
+        return FitProblem(space, Y, *of_rows, prior, spread, none, size, whole=whole)
+
+
+def total_mass(robot: RobotModel, p: int) -> Array:
+    """(p,) w with wᵀθ the mass of all links over that of the model file."""
+    own = file_links(robot.model)
+    masses = np.zeros(p)
+    masses[: len(own) : 10] = 1.0
+    return masses / own[::10].sum()
+
+
+def _at_time(t: Array, x: Array, late: float) -> Array:
+    """x (N, k) as it was measured, from readings that are `late` [s]."""
+    if late == 0:
+        return x
+    return np.column_stack([np.interp(t + late, t, column) for column in x.T])
+
+
+def turned(quaternions: Array, turn: Array) -> Array:
+    """(N, 4) orientations of the base, from those of an IMU turned against it by (3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    found = (Rotation.from_quat(quaternions) * Rotation.from_matrix(turn).inv()).as_quat()
+    signs = np.cumprod(np.append(1.0, np.where(np.sum(found[1:] * found[:-1], axis=1) < 0, -1, 1)))
+    return found * signs[:, None]

@@ -1,0 +1,212 @@
+"""Choice of the structure of a robot that stands and walks, and the rows of its fit.
+
+First the forces on all feet are taken out of all rows, whether they touch or not: that needs no
+knowledge of contact. Its fit tells the feet's loads, and these tell which legs swing. Then only
+forces that may act are taken out, so that swinging legs have rows of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+import scipy
+
+from ....base import Finding
+from ....core import Array, rate_labels
+from ....lab import INTERVAL
+from ....robots import RobotModel
+from ...logs.recordings import Recordings
+from ..choose.columns import SPEEDS
+from ..choose.cutoff import NARROWER
+from ..fit import Fit, inflation, minimise, tempered
+from ..joint_checks import GUESSED, NOMINAL, STATED
+from ..problem import FitProblem
+from ..result import JointStructure, Options, Structured
+from ..smoothing import Filter
+from .feet import feet_of, imu_pose
+from .rows import BASE, FRICTIONS, Ground, GroundRows, total_mass
+from .stance import Stance, stance
+
+_CUTOFF = 20.0  # of the rows [Hz]: the steps of a gait
+_FAST = 200.0  # at which regressors are computed, at least [Hz]: contact forces jump
+_ROWS = 2.5  # rows per second over the cut-off: more hold nothing new
+_MOST_ROWS = 6000.0  # of all logs
+_SPEED = 4  # index of s of tanh(v/s): 0.05 rad/s
+_STEP = 0.006  # between first trial delays [s]
+_REACH = 0.06  # largest delay [s]
+
+
+def structured_ground(
+    robot: RobotModel,
+    recordings: Recordings,
+    validation: Recordings | None,
+    options: Options,
+    report: Callable[[str], None],
+) -> Structured:
+    """Finds feet, IMU, stance and delay of a walking robot and makes the rows of its fit.
+
+    `recordings` are training logs, `validation` is a log excluded from the fit, or None; `report`
+    is called with the name of every stage.
+    """
+    assert recordings.imu is not None
+    feet, said = feet_of(robot, recordings.contacts)
+    pose, where = imu_pose(robot, recordings.imu)
+    report("taking the feet's forces out of the rows")
+    cutoff = min(options.cutoff or _CUTOFF, 0.2 * recordings.rate)
+    chosen = filter_of(recordings, cutoff)
+    rows = GroundRows(robot, recordings, chosen, Ground(feet, pose), _SPEED)
+    rows.expect(*expected_gains(rows))
+    k = len(robot.joints)
+    delay = np.zeros(k) if options.delay is None else options.delay
+    fit = minimise(rows.problem(delay))
+    report("finding which legs swing")
+    seen = _stance(rows, fit, delay)
+    rows = rows.like(ground=replace(rows.ground, touching=seen.touching))
+    findings = [said, where, *_swing(rows, seen)]
+    if recordings.imu.accelerometer is None:
+        rows.usable[:, :BASE] = False
+        text = "without an accelerometer the balance of the whole robot is not known, only that of "
+        text += "legs in swing: ratios of gains are ten times less certain"
+        remedy = "Log the IMU's specific force, too."
+        findings.append(Finding("warning", "no_accelerometer", "base", text, remedy))
+    interval = None
+    others: list[float] = []
+    if options.delay is None:
+        report("finding the commands' delay")
+        common, deviation = _delay(rows, fit.theta)
+        delay = np.full(k, common)
+        half = INTERVAL * deviation
+        interval = (common - half, common + half)
+        others = [common + deviation]
+    problem = rows.problem(delay)
+    checked = None
+    if validation is not None:
+        own = rows.like(validation, replace(rows.ground, touching=None))
+        seen = _stance(own, fit, delay)
+        own = own.like(ground=replace(own.ground, touching=seen.touching))
+        checked = own.problem(delay)
+    return Structured(
+        problem,
+        _alternatives(rows, delay, others),
+        checked,
+        tuple(_structures(rows, delay, interval)),
+        findings,
+        cutoff,
+        delay,
+        columns=rows.terms(rows.space)[0],
+        rotors=rows.terms(rows.space)[1],
+    )
+
+
+def filter_of(recordings: Recordings, cutoff: float) -> Filter:
+    """The filter of the rows: from 200 Hz on, with as many rows as its cut-off needs."""
+    every = max(1, int(recordings.rate / _FAST))
+    rate = recordings.rate / every
+    seconds = sum(len(segment.log.t) for segment in recordings.segments) / recordings.rate
+    least = max(rate / (_ROWS * cutoff), rate * seconds / _MOST_ROWS)
+    return Filter(cutoff, recordings.rate, every, max(1, int(least)))
+
+
+def _stance(rows: GroundRows, fit: Fit, delay: Array) -> Stance:
+    mass = total_mass(rows.robot, len(rows.space)) @ fit.theta
+    whole = sum(float(inertia.mass) for inertia in list(rows.robot.model.inertias)[1:])
+    return stance(rows, fit.theta, delay, float(mass) * whole)
+
+
+def expected_gains(rows: GroundRows) -> tuple[Array, Array]:
+    """(k,) expected gains and (k,) standard deviations of their logarithms, as of an arm's motors.
+
+    Gains of commands in unknown units are those with which the motors carry the file's links best.
+    """
+    own = np.abs(rows.robot.gain)
+    stated = np.array([unit in ("N·m", "N") for unit in rows.recordings.command_units])
+    nominal = ~stated & (own != 1)
+    problem = rows.problem(np.zeros(len(own)))
+    at = problem.space.actuators
+    links = np.zeros(len(problem.space), dtype=bool)
+    links[: 10 * (rows.robot.model.njoints - 1)] = True
+    force = problem.Y[:, :BASE, links] @ problem.prior[links]
+    size = np.maximum(force.std(axis=0), 1e-9)
+    X = (-problem.Y[:, :BASE][:, :, at] / size[:, None]).reshape(-1, len(at))
+    scale = np.maximum(np.sqrt(np.mean(X**2, axis=0)), 1e-12)
+    found = scipy.optimize.nnls(X / scale, (force / size).ravel())[0] / scale
+    typical = float(np.median(found[found > 0])) if (found > 0).any() else 1.0
+    guess = np.full(len(own), typical)
+    guess[rows.driven] = np.clip(found, 0.1 * typical, 10 * typical)
+    gain = np.where(stated | nominal, own, guess)
+    return gain, np.where(stated, STATED, np.where(nominal, NOMINAL, GUESSED))
+
+
+def _swing(rows: GroundRows, seen: Stance) -> Iterator[Finding]:
+    """How long each foot bears load, and which ones never swing."""
+    names = [foot.name for foot in rows.ground.feet]
+    shares = ", ".join(
+        f"{name} {100 * share:.0f} %" for name, share in zip(names, seen.share, strict=True)
+    )
+    text = f"by the balance of the legs, the feet bear load for these shares of the log: {shares}"
+    data = {"share": dict(zip(names, seen.share.tolist(), strict=True))}
+    yield Finding("note", "stance", "", text, data=data)
+    never = [n for n, share in zip(names, seen.swinging, strict=True) if share < _RARE]
+    if never:
+        text = "these feet hardly leave the ground, so that their own mass cannot be told from the "
+        text += "ground's force and stays the file's"
+        remedy = "Add a motion that lifts them: a trot, or a leg waved."
+        yield Finding("note", "never_in_swing", ", ".join(never), text, remedy)
+
+
+_RARE = 0.01  # share of swing below which a foot counts as never released
+
+
+def _delay(rows: GroundRows, theta: Array) -> tuple[float, float]:
+    """The common delay of the commands with the least cost, and its standard deviation [s]."""
+    k = len(rows.robot.joints)
+    first = rows.problem(np.zeros(k))
+    share = inflation(first, theta)
+    costs: dict[int, float] = {}
+
+    def cost(step: int) -> float:
+        if step not in costs:
+            problem = rows.problem(np.full(k, step * _STEP))
+            costs[step] = minimise(problem, tempered(problem, share), theta).cost
+        return costs[step]
+
+    best = 0
+    while abs(best * _STEP) < _REACH:
+        near = min((best - 1, best, best + 1), key=cost)
+        if near == best:
+            break
+        best = near
+    before, here, after = (cost(best + side) for side in (-1, 0, 1))
+    curvature = before - 2 * here + after
+    if curvature <= 0:
+        return best * _STEP, _STEP
+    shift = float(np.clip(0.5 * (before - after) / curvature, -0.5, 0.5))
+    return (best + shift) * _STEP, max(_STEP / np.sqrt(curvature), 1e-4)
+
+
+def _structures(
+    rows: GroundRows, delay: Array, interval: tuple[float, float] | None
+) -> Iterator[JointStructure]:
+    for label in rate_labels(rows.robot.system)[:BASE]:
+        yield JointStructure(f"base {label}", delay=float(delay[0]), delay_interval=interval)
+    for joint, late in zip(rows.robot.joints, delay, strict=True):
+        speed = SPEEDS[rows.speed]
+        yield JointStructure(
+            joint,
+            columns=FRICTIONS,
+            friction_speed=speed,
+            delay=float(late),
+            delay_interval=interval,
+        )
+
+
+def _alternatives(rows: GroundRows, delay: Array, others: Sequence[float]) -> Iterator[FitProblem]:
+    """Other plausible problems: another delay, friction speed and cut-off."""
+    for other in others:
+        yield rows.problem(np.full(len(delay), other))
+    for speed in (rows.speed - 2, rows.speed + 2):
+        yield rows.like(speed=speed).problem(delay)
+    chosen = filter_of(rows.recordings, NARROWER * rows.chosen.cutoff)
+    yield rows.like(chosen=chosen).problem(delay)
