@@ -141,17 +141,17 @@ def _of(node: ast.AST, siblings: dict[str, list[str]]) -> Iterator[Callable[[ran
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):
         yield lambda rng: setattr(node, "value", _other_number(node.value, rng))
     elif isinstance(node, ast.Compare) and type(node.ops[0]) in _OPPOSITE:
-        yield lambda rng: node.ops.__setitem__(0, _OPPOSITE[type(node.ops[0])]())
+        yield lambda _: node.ops.__setitem__(0, _OPPOSITE[type(node.ops[0])]())
     elif isinstance(node, ast.BinOp | ast.BoolOp | ast.AugAssign) and type(node.op) in _OPPOSITE:
-        yield lambda rng: setattr(node, "op", _OPPOSITE[type(node.op)]())
+        yield lambda _: setattr(node, "op", _OPPOSITE[type(node.op)]())
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-        yield lambda rng: setattr(node, "op", ast.UAdd())
+        yield lambda _: setattr(node, "op", ast.UAdd())
     elif isinstance(node, ast.If | ast.IfExp):
-        yield lambda rng: setattr(node, "test", ast.UnaryOp(ast.Not(), node.test))
+        yield lambda _: setattr(node, "test", ast.UnaryOp(ast.Not(), node.test))
     elif isinstance(node, ast.Name) and node.id in _LIKE:
-        yield lambda rng: setattr(node, "id", _LIKE[node.id])
+        yield lambda _: setattr(node, "id", _LIKE[node.id])
     elif isinstance(node, ast.Attribute) and node.attr in _LIKE:
-        yield lambda rng: setattr(node, "attr", _LIKE[node.attr])
+        yield lambda _: setattr(node, "attr", _LIKE[node.attr])
     elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Load):
         own = siblings.get(ast.unparse(node.value), [])
         others = [name for name in own if name != node.attr]

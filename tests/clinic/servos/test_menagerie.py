@@ -35,7 +35,7 @@ def identified(folder, robot, locked, logs, options=()):
     return json.loads((out / "identification.json").read_text()), model
 
 
-_ALWAYS = ("soft", "leg")
+_ALWAYS = ("leg",)
 
 
 @pytest.fixture(
