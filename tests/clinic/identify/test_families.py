@@ -17,7 +17,6 @@ from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.setup import Setup
 from nsaid_mj.robots.assets import asset
 
-pytestmark = pytest.mark.usefixtures("no_drawings")  # tests/report/pages looks at the pages
 
 
 class Found(NamedTuple):

@@ -10,7 +10,6 @@ from nsaid_mj.cli.commands import command
 from tests.support import menagerie
 from tests.support.menagerie import HEAVY_ARM, LEG, SOFT_ARM, STIFF_ARM, TORQUE_ARM, write
 
-pytestmark = pytest.mark.usefixtures("no_drawings")  # tests/report/pages looks at the pages
 FINGERS = ["--lock", "left_finger,right_finger"]
 CASES = {
     "stiff": (STIFF_ARM, FINGERS, 12.0),
