@@ -57,6 +57,16 @@ The first compiles most kernels; those behind it need few of them, so that the o
 wait.
 """
 
+DRAWN = (
+    "report/",
+    "cli/test_cli.py",
+    "cli/test_servos.py",
+    "clinic/identify/test_identify.py",
+    "faults/test_endings.py",
+    "journeys/",
+)
+"""Tests whose pages are drawn: of every kind of result, and of runs that end early."""
+
 
 def pytest_collection_finish() -> None:
     """Leaves what is imported and collected out of every later search for cycles."""
@@ -70,11 +80,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: rank.get(item.path, len(rank)))
 
 
-@pytest.fixture(scope="module")
-def no_drawings() -> Iterator[None]:
-    """Pages without drawings, which take more than half of the time of `nsaid identify`."""
+@pytest.fixture(scope="module", autouse=True)
+def drawings(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Pages have no drawings, four fifths of the time of a page, but in tests that look at them."""
+    name = request.path.relative_to(Path(__file__).parent).as_posix()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("nsaid_mj.report.drawings.draw", lambda panel: "<svg></svg>")
+        if not name.startswith(DRAWN):
+            patch.setattr("nsaid_mj.report.drawings.draw", lambda panel: "<svg></svg>")
         yield
 
 

@@ -424,25 +424,33 @@ def test_a_scenario_is_at_most_forty_lines(path: Path) -> None:
     assert len(path.read_text(encoding="utf-8").splitlines()) <= 40
 
 
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
+def test_a_scenario_script_is_a_scenario_and_the_same_two_lines(path: Path) -> None:
+    """`load` reads the first part of all of them, and the two lines are run below."""
+    text = path.read_text(encoding="utf-8")
+    assert text.endswith('\n)\n\nif __name__ == "__main__":\n    main(scenario)\n')
+    assert load(path.stem) == runpy.run_path(str(path))["scenario"]
+
+
 LIKE_ANOTHER = {
     "ur5": ("arm", "kinova", "panda", "xarm7", "z1", "double_pendulum", "wrist_first"),
-    "f1tenth": ("bmw320i", "straight_then_slalom"),
+    "one_axis_at_a_time": ("servo_arm", "wrong_gains"),
+    "f1tenth": ("bmw320i", "straight_then_slalom", "catamaran"),
     "crazyflie": ("hummingbird",),
     "uvms": ("borinot",),
-    "track_uvms": ("track_ur5", "track_bluerov2", "track_astrobee"),
+    "track_payload": ("track_uvms", "track_ur5", "track_bluerov2", "track_astrobee"),
 }
-"""Scenarios whose pages have the panels of another's: drawing takes more than half of the time."""
-NOT_DRAWN = {name for names in LIKE_ANOTHER.values() for name in names}
+"""Scenarios whose pages have the panels of another's, and whose scripts differ in data alone."""
+LIKE = {name for names in LIKE_ANOTHER.values() for name in names}
+RUN = [pytest.param(path, marks=pytest.mark.slow if path.stem in LIKE else ()) for path in SCRIPTS]
 
 
-@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", RUN, ids=lambda path: path.stem)
 def test_a_scenario_script_runs_as_main(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [str(path), *ALONE])
-    if path.stem in NOT_DRAWN:
-        monkeypatch.setattr("nsaid_mj.report.drawings.draw", lambda panel: "<svg></svg>")
     code, said = code_of(lambda: runpy.run_path(str(path), run_name="__main__"))
     check_alone(tmp_path, code, said.out, said.err)
 

@@ -20,9 +20,9 @@ from tests.court.simulation import simulated
 from tests.court.table import kind_of, unseen, worst
 
 FEW = {
-    (1, "efficient"): (0, 1, 3, 5, 6, 7, 8, 9),
-    (2, "memory"): (0, 2),
-    (3, "identify"): (0, 1, 2),
+    (1, "efficient"): (0, 1, 5, 6, 7, 8),
+    (2, "memory"): (2,),
+    (3, "identify"): (0, 2),
 }
 """Runs of the short study, by seed and law: the cheaper ones of the first there are."""
 MANY = 4  # seed of the long one, of which the first hundred are run

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import os
 import signal
 import time
@@ -23,6 +24,7 @@ from nsaid_mj.plans.studies.runs import Runs
 from nsaid_mj.plans.studies.study import Row
 from nsaid_mj.plans.studies.sweep import run_sweep, sweep_plan
 from nsaid_mj.report.exit_codes import NOT_EXPLAINED
+from nsaid_mj.report.page import render_html
 from tests.support.faulty import ROV, shell
 
 PLAN = sweep_plan("scalar_rov", ROV, {"identifier.gain": (0.1, 1.0)}, seeds=2)
@@ -160,6 +162,28 @@ def test_a_damaged_row_is_told_and_only_its_run_made_again(
         found = sweep(tmp_path, retry=retry)
         assert made == [1] and found.damaged == ""
         assert [row["run"] for row in found.rows] == [0, 1, 2, 3]
+
+
+WRONG = (None, True, -1, 0.5, 1e308, 10**400, "", "x", [], {}, [1.0], {"a": 1})
+KEYS = [*row(1)]
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_a_changed_value_of_a_row_ends_in_a_page_or_in_words(
+    key: str, made: list[int], tmp_path: Path
+) -> None:
+    """Every kind of value in every place: the row counts, or is called damaged."""
+    sweep(tmp_path)
+    lines = (tmp_path / ROWS).read_bytes().splitlines()
+    before = json.loads(lines[1])
+    for value in WRONG:
+        lines[1] = json.dumps(before | {key: value}).encode()
+        (tmp_path / ROWS).write_bytes(b"\n".join(lines) + b"\n")
+        found = read(tmp_path)
+        kept = [each["run"] for each in found.rows]
+        assert kept == [0, 1, 2, 3] or found.damaged == "rows.jsonl: line 2 is damaged", value
+        assert sum(len(group.rows) for group in found.groups) == len(kept), value
+        assert render_html(sweep_report.sweep_page(found)), value
 
 
 def test_the_console_says_which_row_is_damaged(

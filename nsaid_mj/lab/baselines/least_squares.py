@@ -42,7 +42,10 @@ def smoothed(system: SecondOrderSystem, log: Log, cutoff: float) -> Log:
         q[:, 3:7] *= continuous_signs(q[:, 3:7])[:, None]
     filtered = zero_phase(q, cutoff, rate)
     if system.m != system.n:
-        steps = [np.linalg.lstsq(system.J(z), dz)[0] for z, dz in zip(q, filtered - q, strict=True)]
+        J = np.array([system.J(z) for z in q])
+        along = np.einsum("kmn,km->kn", J, filtered - q)
+        metric = np.einsum("kmi,kmj->kij", J, J)
+        steps = np.linalg.solve(metric, along[..., None])[..., 0]
         filtered = np.array([system.integrate(z, dz) for z, dz in zip(q, steps, strict=True)])
     return log._replace(q=filtered, v=zero_phase(log.v, cutoff, rate))
 

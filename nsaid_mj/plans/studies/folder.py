@@ -2,6 +2,7 @@
 
 import errno
 import json
+import math
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -109,14 +110,26 @@ def _row(line: bytes, manifest: dict[str, Any]) -> Row | None:
     """The row in a line; None if it is damaged."""
     try:
         row = json_of(line)
-        needed = {"run", "draw", "seed", "failure", *manifest["vary"]}
-        if row["failure"] is None:
-            needed |= {"status", *NEEDED}
-        numbered = type(row["run"]) is int and 0 <= row["run"] < manifest["runs"]
-        figures = all(isinstance(row.get(key), float | int | None) for key in NEEDED)
-    except (ValueError, KeyError, TypeError, AttributeError):
+        return row if _sound(row, manifest) else None
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
         return None
-    return row if numbered and figures and needed <= row.keys() else None
+
+
+def _sound(row: Row, manifest: dict[str, Any]) -> bool:
+    """Whether a row has what a sweep needs, each of its kind, and is of this sweep.
+
+    Raises:
+        KeyError: something is missing.
+        TypeError, AttributeError, OverflowError: something is of another kind.
+    """
+    numbered = type(row["run"]) is int and 0 <= row["run"] < manifest["runs"]
+    drawn = all(type(row[key]) is int and row[key] >= 0 for key in ("draw", "seed"))
+    varied = all(row[path] in values for path, values in manifest["vary"].items())
+    if row["failure"] is not None:
+        return numbered and drawn and varied and isinstance(row["failure"], str)
+    figures = [row[key] for key in NEEDED if row[key] is not None]
+    lengths = all(type(x) in (int, float) and 0 <= float(x) < math.inf for x in figures)
+    return numbered and drawn and varied and lengths and isinstance(row["status"], str)
 
 
 def write_table(folder: Path) -> Path:

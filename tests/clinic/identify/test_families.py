@@ -17,7 +17,6 @@ from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.setup import Setup
 from nsaid_mj.robots.assets import asset
 
-pytestmark = pytest.mark.usefixtures("no_drawings")  # tests/report/pages looks at the pages
 
 
 class Found(NamedTuple):
@@ -81,6 +80,12 @@ def test_a_log_of_each_family_gives_its_gains(tmp_path, name, seconds, error, co
     assert ratios == pytest.approx(np.ones(len(ratios)), abs=error)
     assert len(found.off) >= count and np.sum(found.off > 1) <= 0.1 * len(found.off)
     assert found.said["explains"] == ("partly" if name == "astrobee" else "yes")
+    assert not currents(found)
+
+
+def currents(found: Found) -> list[dict[str, Any]]:
+    """The findings that blame a current or wind."""
+    return [f for f in found.said["findings"] if "current or wind" in f["text"]]
 
 
 def test_thrusters_may_lag(tmp_path):
@@ -95,14 +100,15 @@ def test_thrusters_may_lag(tmp_path):
 
 def test_a_current_is_told_and_widens_the_intervals_of_drag(tmp_path):
     found = identified(tmp_path, "bluerov2", 60.0, flow=(0.05, 0.0, 0.0))
-    (finding,) = [f for f in found.said["findings"] if "current or wind" in f["text"]]
+    (finding,) = currents(found)
     assert finding["level"] == "warning" and found.said["explains"] == "partly"
     assert np.mean(found.off <= 1) >= 0.9
 
 
+@pytest.mark.slow  # with one seed for each family above
 def test_still_water_is_not_taken_for_a_current(tmp_path):
     found = identified(tmp_path, "bluerov2", 60.0, seed=15)
-    assert not [f for f in found.said["findings"] if "current or wind" in f["text"]]
+    assert not currents(found)
 
 
 STRAIGHT = Driving(variation=0.55, grip=1e-6, ground=1e4)

@@ -23,7 +23,6 @@ from nsaid_mj.robots.assets import asset
 from nsaid_mj.robots.model import RobotModel
 from tests.support.flight_logs import MOTORS, speeds, topics, write_dataflash, write_ulog
 
-pytestmark = pytest.mark.usefixtures("no_drawings")  # tests/report/pages looks at the pages
 DELAY, LAG, TOP = 0.02, 0.03, 1500.0
 
 

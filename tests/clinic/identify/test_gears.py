@@ -43,7 +43,12 @@ TWISTS = {
 }
 
 
-@pytest.mark.parametrize("name", TWISTS)
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=SLOW) if n == "shoulder" else n for n in TWISTS]
+)
 def test_an_elastic_joint_is_named_with_its_stiffness(tmp_path, name):
     joint, gears, stiffness = TWISTS[name]
     _, named = identified(tmp_path, gears=gears)
@@ -57,7 +62,11 @@ SMALL = pytest.mark.xfail(strict=True, reason="backlash that friction imitates i
 
 @pytest.mark.parametrize(
     ("joint", "play"),
-    [("elbow", 0.02), ("elbow", 0.005), pytest.param("shoulder", 0.01, marks=SMALL)],
+    [
+        pytest.param("elbow", 0.02, marks=SLOW),
+        ("elbow", 0.005),
+        pytest.param("shoulder", 0.01, marks=SMALL),
+    ],
 )
 def test_backlash_behind_a_motors_encoder_is_named_with_its_size(tmp_path, joint, play):
     own = Gear(play=play)

@@ -260,7 +260,7 @@ def test_a_coupling_of_any_two_joints_has_the_sign_of_its_motor(column, sign):
     assert coupled(torque) == ((column, 5, int(sign)),)
 
 
-@pytest.mark.parametrize("i,j,sign", [(0, 2, 1), (1, 2, -1)])
+@pytest.mark.parametrize("i,j,sign", [pytest.param(0, 2, 1, marks=pytest.mark.slow), (1, 2, -1)])
 def test_friction_of_a_coupled_motor_is_found(simulated, tmp_path, i, j, sign):
     """A further motor's Coulomb friction of 5 N·m, whose speed is v_i ± v_j."""
     robot = nominal_model(simulated, 0)

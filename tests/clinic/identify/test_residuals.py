@@ -290,7 +290,8 @@ FLAWS = {
 }
 
 
-SLOW = ("one slow sine per joint", "half a gear ratio", "an encoder 5° off", "50 Hz")
+SLOW = {"one slow sine per joint", "half a gear ratio", "an encoder 5° off", "50 Hz"}
+SLOW |= {"delays that differ by 250 ms", "a lag of 30 ms in fast motion"}  # milder ones are here
 MARKED = [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW else []) for n in FLAWS]
 
 

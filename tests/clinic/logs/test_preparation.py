@@ -418,3 +418,30 @@ def test_a_run_with_continuous_joints_becomes_angles():
     found = recordings.segments[0].log.q
     turns = (found - q) / (2 * np.pi)
     np.testing.assert_allclose(turns, np.tile(np.round(turns[0]), (2000, 1)), atol=1e-9)
+
+
+@pytest.mark.parametrize("rate", [100, 300])
+def test_the_noise_of_a_derivative_is_that_of_positions_on_a_faster_clock(rate):
+    sigma, t = 1e-3, np.arange(60_000) / 300
+    x = sigma * np.random.default_rng(0).standard_normal(len(t))
+    grid = np.arange(int(t[-1] * rate)) / rate
+    own = signals.Signal(t, x, np.arange(len(t)), np.empty((0, 2)))
+    on_grid = signals.resample(own, grid)
+    found = signals.derivative(on_grid[:, None], rate)[rate:-rate]
+    assert 1.0 <= signals.derivative_noise(sigma, 300, rate) / found.std() < 1.5  # no less
+
+
+def test_rest_is_below_the_noise_of_positions_on_their_own_clock():
+    """A joint that hardly moves, on a clock three times as fast as the grid's, has its noise."""
+    slow, fast = np.arange(1000) / 100, np.arange(3000) / 300
+    names = ("shoulder", "elbow", "wrist")
+    q, _, u = motion(slow, 3)
+    still = 1e-3 * np.random.default_rng(3).standard_normal(len(fast))
+    channels = {f"q{k + 1}": Channel(slow, q[:, k]) for k in range(2)} | {
+        "q3": Channel(fast, still)
+    }
+    channels |= {f"tau{k + 1}": Channel(slow, u[:, k]) for k in range(3)}
+    recordings = prepare([LogTable("log.csv", channels, 0)], None, two_joints(names))
+    (finding,) = findings(recordings, "rest_limits")
+    speeds = np.concatenate([segment.log.v[20:-20, 2] for segment in recordings.segments])
+    assert 4.0 <= finding.data["limits"][2] / speeds.std() < 6.0

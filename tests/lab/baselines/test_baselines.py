@@ -10,7 +10,7 @@ import pytest
 from nsaid_mj.base.errors import InvalidInput, NoEstimate
 from nsaid_mj.core.log import Log, SensorLevels
 from nsaid_mj.core.structure.joints import JointTree
-from nsaid_mj.lab.baselines import BATCH
+from nsaid_mj.lab.baselines import BATCH, least_squares
 from nsaid_mj.lab.baselines import sysid as toolbox_module
 from nsaid_mj.lab.baselines.base import MethodEstimate, follow
 from nsaid_mj.lab.baselines.least_squares import (
@@ -227,6 +227,31 @@ def test_the_cut_off_comes_from_the_log_and_is_nearly_the_best():
     found = figures(here, BATCH["wls"](problem))["force_residual_ratio"]
     assert found < 2 * min(forces)
     assert found < 0.5 * max(forces)
+
+
+def test_no_cut_off_is_judged_by_the_rows_that_it_was_fitted_to(pendulum, monkeypatch):
+    """Column k of W marks the k-th quarter: it is all zero where that quarter is predicted."""
+    problem = pendulum._problem
+    W, rate, _ = filtered(problem)
+    quarters = np.linspace(0, len(W), 5).astype(int)
+    W = W.copy()
+    W[..., :4] = 0.0
+    for k in range(4):
+        W[quarters[k] : quarters[k + 1], :, k] = 1.0
+    predicted = []
+
+    def fitted(gauge, rows):
+        predicted.append(np.flatnonzero(~rows[..., :4].any(axis=(0, 1))).tolist())
+        return gauge.start
+
+    def errors(windows, theta_s, first, last):
+        assert predicted[-1] == [k for k in range(4) if first < quarters[k + 1] - 1 < last]
+        return np.ones((1, problem.system.n))
+
+    monkeypatch.setattr(least_squares, "weighted", fitted)
+    monkeypatch.setattr(least_squares._Windows, "errors", errors)
+    least_squares.choose_cutoff(problem, problem.log, W, rate)
+    assert predicted[:4] == [[0], [1], [2], [3]]
 
 
 def test_a_log_too_short_to_be_filtered_is_refused(pendulum):

@@ -382,8 +382,15 @@ def airborne(model, way, q, u) -> None:
     assert (u >= 0.1).all() and (u <= 1.0).all()
 
 
-@models
-@pytest.mark.parametrize("seed", [3, 4])  # of the first 24 the hardest are among them
+@pytest.mark.parametrize(
+    ("model", "seed"),  # of the first 24 the hardest are among them
+    [
+        ("crazyflie", 3),
+        ("hummingbird", 4),
+        pytest.param("crazyflie", 4, marks=pytest.mark.slow),
+        pytest.param("hummingbird", 3, marks=pytest.mark.slow),
+    ],
+)
 def test_the_controller_stays_airborne_with_every_gain_wrong(model, seed):
     way, q, v, u = flight(model, seed)
     airborne(model, way, q, u)

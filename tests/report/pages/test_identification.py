@@ -58,6 +58,18 @@ def test_every_parameter_is_in_a_table(result: Identification, text: str) -> Non
     assert {p.label for p in result.parameters if p.is_gain} <= cells(text)
 
 
+@pytest.mark.parametrize("share", [0.00123, 0.034, 0.5])
+def test_the_half_width_of_a_gains_ratio_is_printed_in_per_cent(
+    share: float, result: Identification
+) -> None:
+    first, *others = result.gains
+    told = (replace(first, relative=share), *(replace(p, relative=0.099) for p in others))
+    rest = tuple(p for p in result.parameters if not p.is_gain)
+    text = page(replace(result, parameters=(*told, *rest)))
+    found = {x for cell in cells(text) for x in re.findall(r"±\s*([\d.]+)\s*%", cell)}
+    assert sorted(map(float, found)) == pytest.approx(sorted([100 * share, 9.9]), rel=0.05)
+
+
 def test_the_verdict_stands_before_any_figure_and_findings_follow_it(text: str) -> None:
     assert text.index("The structure explains the log") < text.index("the sign is reversed")
     assert text.index("the sign is reversed") < text.index("<figure") < text.index("<h2>")
