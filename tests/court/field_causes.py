@@ -234,6 +234,13 @@ def _degrees(rng: Any, tables: list[Table], own: dict) -> Change:
     return Change(("degrees",), (), f"{own['turning']} in degrees")
 
 
+def _motor_side(rng: Any, tables: list[Table], own: dict) -> Change:
+    ratio = float(rng.choice([6.0, 9.0, 30.0, 50.0, 80.0, 100.0, 101.0, 121.0, 160.0]))
+    _times(tables, own["turning"], "position", ratio)
+    _times(tables, own["turning"], "velocity", ratio)
+    return Change(("motor_side",), (), f"{own['turning']} before gears of {ratio:g}")
+
+
 def _unit_of_velocities(rng: Any, tables: list[Table], own: dict) -> Change:
     joints = _turning(rng, own)
     _times(tables, joints, "velocity", 60 / (2 * np.pi))
@@ -277,6 +284,7 @@ ARM_KINDS: dict[str, Callable[[Any, list[Table], dict], Change]] = {
     "degrees": _degrees,
     "degrees of positions": _degrees_of_positions,
     "degrees of velocities": _degrees_of_velocities,
+    "motor side": _motor_side,
     "rpm": _unit_of_velocities,
     "swapped velocities": _swapped_velocities,
     "swapped positions": _swapped_positions,

@@ -138,7 +138,7 @@ def judge(result: Identification, found: Simulated, units: Array) -> Judgement:
             off.append(f"{p.name} {p.value:.3g} ({p.low:.3g} … {p.high:.3g}), truly {true:.3g}")
     said.coverage = float(np.mean(held)) if held else None
     said.wrong += off[:4] + ([f"and {len(off) - 4} more"] if len(off) > 4 else [])
-    _judge_ratios(said, gains, truth[[system.space.index(p.name) for p in gains]])
+    judge_ratios(said, gains, truth[[system.space.index(p.name) for p in gains]])
     return said
 
 
@@ -168,7 +168,7 @@ def _size(system: Any, truth: Array, name: str) -> float:
     return abs(float(truth[index]))
 
 
-def _judge_ratios(said: Judgement, gains: list[Any], truth: Array) -> None:
+def judge_ratios(said: Judgement, gains: list[Any], truth: Array) -> None:
     """Judges the gains of identified actuators relative to each other."""
     use = [
         k
