@@ -26,7 +26,7 @@ from nsaid_mj.clinic.logs.unusable import UnusableLog
 
 from . import field_causes, field_commands, field_episodes, field_phases, field_timing
 from .judging import NOT_RUN, Judgement
-from .offline import HALF_WIDTHS, LEAST, judge, judge_ratios
+from .offline import HALF_WIDTHS, LEAST, doubted, judge, judge_ratios
 
 _SAME = 2e-3  # difference, over the size of a signal, at which a mended log is the healthy one
 _LATE = 1e-3  # error of a delay from which it can be wrong [s]
@@ -148,7 +148,7 @@ def _refused(error: UnusableLog) -> Judgement:
 def numbers(found: Identification, truth: dict[str, float]) -> Judgement:
     """Judges identified parameters and ratios of gains by true values under names or labels."""
     said = Judgement(figures={"explains": found.explains})
-    said.flagged += [] if found.explains == "yes" else [f"the verdict is {found.explains}"]
+    said.flagged += [f"the verdict is {found.explains}"] if doubted(found) else []
     known = {
         p.name: truth[key] for p in found.parameters for key in (p.label, p.name) if key in truth
     }

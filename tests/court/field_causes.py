@@ -208,7 +208,9 @@ def _reversed_axes(rng: Any, tables: list[Table], own: dict) -> Change:
 
 
 def _reversed_joints(rng: Any, tables: list[Table], own: dict) -> Change:
-    joints = _joints(rng, own)
+    # all axes of a planar arm reversed are the same arm seen from behind, which no log tells apart
+    planar = own["simulated"].case.robot == "double_pendulum"
+    joints = _joints(rng, own, 1, len(own["names"]) - planar)
     for what in ("position", "velocity", "current"):
         _times(tables, joints, what, -1.0)
     return Change(

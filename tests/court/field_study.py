@@ -126,7 +126,7 @@ def main(words: Sequence[str], description: str | None) -> None:
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     chosen = parser.parse_args(words)
     first, last = map(int, chosen.seeds.split(":"))
-    draws = [(kind, seed) for kind in chosen.only for seed in range(first, last)]
+    draws = [(kind, seed) for seed in range(first, last) for kind in chosen.only]
     lines = study(draws, chosen.json, chosen.jobs)
     print(f"\n{table(lines)}\n\n{failures(lines)}\n\n{_stated(chosen.seeds)}")
 

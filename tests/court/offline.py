@@ -119,7 +119,7 @@ def judge(result: Identification, found: Simulated, units: Array) -> Judgement:
         names -= {name for b, _ in system.space for name in b.names if b.name.startswith("link")}
     said = Judgement(figures={"explains": result.explains, "anchor": result.anchor})
     ratios = "only in combination"  # a gain whose scale rests on the model file's masses
-    if _doubted(result):
+    if doubted(result):
         said.flagged.append(f"the verdict is {result.explains}")
     gains = [p for p in result.parameters if p.name in {system.space.names[i] for i in at}]
     if not any(p.status in ("identified", "known", ratios) for p in gains):
@@ -142,7 +142,7 @@ def judge(result: Identification, found: Simulated, units: Array) -> Judgement:
     return said
 
 
-def _doubted(result: Identification) -> bool:
+def doubted(result: Identification) -> bool:
     """Whether the verdict doubts more than the common scale, which nothing fixes in half the logs.
 
     Of those logs the ratios of the gains are judged.

@@ -68,6 +68,9 @@ def frame_causes(recordings: Recordings, robot: RobotModel) -> list[Finding]:
     """Findings about the axes of a vehicle's pose and velocities, and its clock."""
     segments = max(recordings.segments, key=lambda segment: len(segment.log.t))
     _, q, v, _ = segments.log
+    if robot.system.group == 6:  # what a vehicle carries, such as an arm, has its own joints
+        q = q[:, :7]
+        v = v[:, :6]
     rate = recordings.rate
     vehicle = recordings.vehicle
     if vehicle is not None and vehicle.linear is None:
@@ -347,7 +350,7 @@ def _driven(recordings: Recordings, robot: RobotModel) -> list[Finding]:
     q, v, u = _longest(recordings)
     own = _balance(robot, q, v, u, recordings.rate)
     trials: list[tuple[float, str, str, dict[str, object]]] = []
-    if q.shape[1] == 7 and vehicle is not None:
+    if robot.system.group == 6 and vehicle is not None:
         frame = "NED/FRD" if vehicle.frame == "ENU/FLU" else "ENU/FLU"
         text = f"pose and velocities are in {frame} axes"
         error = _balance(robot, _other_pose(q), _other_twist(v), u, recordings.rate)
@@ -381,13 +384,13 @@ def _longest(recordings: Recordings) -> tuple[Array, Array, Array]:
 
 
 def _other_pose(q: Array) -> Array:
-    """Poses (N, 7) in ENU/FLU axes of numbers that are in NED/FRD axes, or the other way round."""
-    turn = NED @ Rotation.from_quat(q[:, 3:]).as_matrix() @ FRD
-    return np.hstack([q[:, :3] @ NED.T, Rotation.from_matrix(turn).as_quat()])
+    """Poses (N, m) in ENU/FLU axes of numbers that are in NED/FRD axes, or the other way round."""
+    turn = NED @ Rotation.from_quat(q[:, 3:7]).as_matrix() @ FRD
+    return np.hstack([q[:, :3] @ NED.T, Rotation.from_matrix(turn).as_quat(), q[:, 7:]])
 
 
 def _other_twist(v: Array) -> Array:
-    return np.hstack([v[:, :3] @ FRD, v[:, 3:] @ FRD])
+    return np.hstack([v[:, :3] @ FRD, v[:, 3:6] @ FRD, v[:, 6:]])
 
 
 def _balance(robot: RobotModel, q: Array, v: Array, u: Array, rate: float) -> float:
