@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
+from zlib import crc32
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -88,7 +89,7 @@ class Change:
 def draw(seed: int, kind: str = "", robot: str = "") -> Drawn:
     """A draw of a kind, by default one after another, and of a drawn robot or the named one."""
     kind = kind or list(KINDS)[seed % len(KINDS)]
-    rng = np.random.default_rng([seed, sorted(KINDS).index(kind)])
+    rng = np.random.default_rng([seed, crc32(kind.encode())])
     files = 2 if kind.endswith("of a file") else 1
     healthy, own = (_vehicle if kind in VEHICLE_KINDS else _arm)(rng, seed, kind, robot, files)
     tables = [dict(table) for table in healthy]
