@@ -78,10 +78,12 @@ def failures(lines: Sequence[Line]) -> str:
         if line["outcome"] == CRASH:
             found.append(f"{line['kind']} {line['seed']}: crash: {line['error']}")
             continue
+        if line["outcome"] == NOT_RUN:
+            continue
         kinds = ["not named"] * (not line["named"])
         kinds += ["does not end right"] * (line["right"] is False)
         kinds += [f"WRONG, CONFIDENT: {'; '.join(line['wrong'])}"] * wrong(line)
-        if kinds and line["outcome"] != NOT_RUN:
+        if kinds:
             said = f"{line['words']}: {line['said']}"[:_DETAILS]
             found.append(f"{line['kind']} {line['seed']}: {', '.join(kinds)} | {said}")
     return "\n".join(found)

@@ -78,7 +78,7 @@ def test_the_table_counts_each_kind_and_all():
         bad | {"kind": "clock", "seed": 1},
         good | {"kind": "healthy", "seed": 0, "right": None},
         {"kind": "healthy", "seed": 1, "outcome": "crash", "error": "ValueError"},
-        bad | {"kind": "healthy", "seed": 2, "outcome": "not run"},
+        {"kind": "healthy", "seed": 2, "outcome": "not run", "error": "the plant diverged"},
     ]
     rows = table(lines).splitlines()
     assert "| clock | 2 | 1/2 | 1/2 | 1/2 | 1/2 | 0 |" in rows
