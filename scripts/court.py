@@ -41,9 +41,33 @@ The other bars: where the structure is exact, the shares of runs with coverage o
 runs that are right and confident, of false faults and of flagged runs. And where an effect moves a
 gain by more than 3 of the standard deviations that the same run states without the effect: the
 share that is flagged or unsure, or whose own stated deviations are wide enough for the error.
+
+    python -m scripts.court --family logs [--seeds 100:120] [--only KIND …] [--json FILE] [--jobs 2]
+
+This family draws logs as users bring them (`tests/court/field_*.py`): each kind has one cause that
+is wrong, or a shape that logs often have. A log with a cause is inspected, and its remedy obeyed
+by `--fix`; a log without one is identified as it is.
+
+- *named first*: the true cause is the first refusal, with the joints or the file it concerns;
+  without a cause, that nothing is refused and what is special is found: a delay within 1 ms,
+  phases within 1 s and 5 %, a constant command, nine tenths of the episodes' motion.
+- *alone*: it is the only refusal.
+- *ends right*: the mended log is the unchanged one, or what `identify` says of it is not wrong in
+  the sense above; of a log that is not refused, what it says as it is. A remedy that is withdrawn
+  does not end right; a refusal without lines of map.toml is not counted here.
+- *wrong, confident*: wrong in that sense, and the verdict is "yes". A log that `inspect` refuses
+  although it is healthy is not named, and not wrong.
 """
 
-from tests.court.command import main
+import argparse
+
+from tests.court import command, field_study
 
 if __name__ == "__main__":
-    main(__doc__)
+    parser = argparse.ArgumentParser(add_help=False)
+    parser.add_argument("--family", choices=("effects", "logs"), default="effects")
+    chosen, rest = parser.parse_known_args()
+    if chosen.family == "logs":
+        field_study.main(rest, __doc__)
+    else:
+        command.main(rest, __doc__)

@@ -14,6 +14,7 @@ from dataclasses import asdict
 from functools import partial
 from itertools import count, islice
 from pathlib import Path
+from typing import Any
 
 from .cases import LAWS, TOGETHER, Case, drawn
 from .effects import EFFECTS, FAULTS
@@ -44,23 +45,28 @@ def judged(case: Case) -> Judgement:
 
 
 def line_of(case: Case, limit: float = LIMIT, verbose: bool = False) -> Line:
-    """Runs a case; exceptions count as crashes, and time is limited.
+    """Runs a case: the entries of its line are the case and what the judgement says."""
+    line = attempt(lambda: judged(case).keys(), limit, verbose)
+    return {"case": asdict(case), "words": case.words} | line
+
+
+def attempt(run: Callable[[], Line], limit: float = LIMIT, verbose: bool = False) -> Line:
+    """Runs something; exceptions count as crashes, and computing time is limited [s].
 
     Returns:
-        The entries of its line: the case, `outcome` (`judged`, `crash` or `not run`), and what the
-        judgement says.
+        What it returns, `outcome` (`judged`, `crash` or `not run`) and `seconds`.
     """
 
     def late(*_: object) -> None:
         raise TooSlow(f"longer than {limit:g} s")
 
-    line: Line = {"case": asdict(case), "words": case.words, "outcome": "judged"}
+    line: Line = {"outcome": "judged"}
     before, begin = signal.signal(signal.SIGPROF, late), time.process_time()
     signal.setitimer(signal.ITIMER_PROF, limit)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            line |= judged(case).keys()
+            line |= run()
     except NotRun as error:
         line |= {"outcome": NOT_RUN, "error": str(error)}
     except Exception as error:
@@ -108,7 +114,7 @@ def study(arguments: argparse.Namespace) -> list[Line]:
     lines = [line for line in known if line["laws"] == laws and line["case"] in wanted]
     done = {line["case"]["number"] for line in lines}
     left = [case for case in chosen if case.number not in done]
-    for line in _run(left, partial(line_of, limit=arguments.limit), arguments.jobs):
+    for line in in_processes(left, partial(line_of, limit=arguments.limit), arguments.jobs):
         line["laws"] = laws
         lines.append(line)
         print(_shown(line), flush=True)
@@ -118,7 +124,7 @@ def study(arguments: argparse.Namespace) -> list[Line]:
     return lines
 
 
-def _run(left: list[Case], run: Callable[[Case], Line], jobs: int) -> Iterator[Line]:
+def in_processes(left: Sequence[Any], run: Callable[[Any], Line], jobs: int) -> Iterator[Line]:
     """The lines of cases, in one process or several, in any order."""
     if jobs == 1:
         yield from map(run, left)
@@ -132,8 +138,8 @@ def tables(lines: Sequence[Line]) -> str:
     return f"{overall(lines)}\n\n{bars(lines)}\n\n{by_effect(lines)}\n\n{worst(lines)}"
 
 
-def main(description: str | None) -> None:
-    """The command line."""
+def main(words: Sequence[str], description: str | None) -> None:
+    """The command line of the family `effects`."""
     parser = argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -147,7 +153,7 @@ def main(description: str | None) -> None:
     parser.add_argument("--limit", type=float, default=LIMIT, help="computing time of a run [s]")
     parser.add_argument("--case", type=int, help="number of one run, which is told at length")
     parser.add_argument("--tables", type=Path, help="only print the tables of such a file")
-    arguments = parser.parse_args()
+    arguments = parser.parse_args(words)
     if arguments.tables is not None:
         print(tables(read(arguments.tables)))
         return

@@ -6,11 +6,13 @@ do. The truth of a draw is that of the unchanged log: with the remedy obeyed, bo
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
+from zlib import crc32
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -88,7 +90,7 @@ class Change:
 def draw(seed: int, kind: str = "", robot: str = "") -> Drawn:
     """A draw of a kind, by default one after another, and of a drawn robot or the named one."""
     kind = kind or list(KINDS)[seed % len(KINDS)]
-    rng = np.random.default_rng([seed, sorted(KINDS).index(kind)])
+    rng = np.random.default_rng([seed, crc32(kind.encode())])
     files = 2 if kind.endswith("of a file") else 1
     healthy, own = (_vehicle if kind in VEHICLE_KINDS else _arm)(rng, seed, kind, robot, files)
     tables = [dict(table) for table in healthy]
@@ -208,7 +210,9 @@ def _reversed_axes(rng: Any, tables: list[Table], own: dict) -> Change:
 
 
 def _reversed_joints(rng: Any, tables: list[Table], own: dict) -> Change:
-    joints = _joints(rng, own)
+    # all axes of a planar arm reversed are the same arm seen from behind, which no log tells apart
+    planar = own["simulated"].case.robot == "double_pendulum"
+    joints = _joints(rng, own, 1, len(own["names"]) - planar)
     for what in ("position", "velocity", "current"):
         _times(tables, joints, what, -1.0)
     return Change(
@@ -232,6 +236,13 @@ def _degrees(rng: Any, tables: list[Table], own: dict) -> Change:
     _times(tables, own["turning"], "position", _DEGREES)
     _times(tables, own["turning"], "velocity", _DEGREES)
     return Change(("degrees",), (), f"{own['turning']} in degrees")
+
+
+def _motor_side(rng: Any, tables: list[Table], own: dict) -> Change:
+    ratio = float(rng.choice([6.0, 9.0, 30.0, 50.0, 80.0, 100.0, 101.0, 121.0, 160.0]))
+    _times(tables, own["turning"], "position", ratio)
+    _times(tables, own["turning"], "velocity", ratio)
+    return Change(("motor_side",), (), f"{own['turning']} before gears of {ratio:g}")
 
 
 def _unit_of_velocities(rng: Any, tables: list[Table], own: dict) -> Change:
@@ -277,6 +288,7 @@ ARM_KINDS: dict[str, Callable[[Any, list[Table], dict], Change]] = {
     "degrees": _degrees,
     "degrees of positions": _degrees_of_positions,
     "degrees of velocities": _degrees_of_velocities,
+    "motor side": _motor_side,
     "rpm": _unit_of_velocities,
     "swapped velocities": _swapped_velocities,
     "swapped positions": _swapped_positions,
@@ -297,6 +309,7 @@ angular = ["p", "q", "r"]
 [actuators]
 """
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
+_EULER = ("roll", "pitch", "yaw")
 _TWIST = ("vx", "vy", "vz", "p", "q", "r")
 
 
@@ -314,7 +327,11 @@ def _vehicle(rng: Any, seed: int, kind: str, robot: str, files: int) -> tuple[li
     names = load_robot_model(robot, (), None).joints
     table |= {f"u{k}": column for k, column in enumerate(log.u.T, 1)}
     lines = "".join(f'"{name}" = {{ column = "u{k}" }}\n' for k, name in enumerate(names, 1))
-    own = {"model": robot, "map": _MAP + lines, "lock": (), "names": names, "simulated": found}
+    text = _MAP
+    if kind.startswith("Euler"):
+        _set(table, _EULER, _euler(table))
+        text = re.sub(r"quaternion = .*\norder = .*\n", 'euler = ["roll", "pitch", "yaw"]\n', _MAP)
+    own = {"model": robot, "map": text + lines, "lock": (), "names": names, "simulated": found}
     return [table], own
 
 
@@ -390,6 +407,28 @@ def _ned_pose(rng: Any, tables: list[Table], own: dict) -> Change:
     return Change(("frame",), (), "pose in NED/FRD, twist in FLU")
 
 
+def _euler(table: Table) -> np.ndarray:
+    """(N, 3) roll, pitch and yaw [deg]."""
+    turns = Rotation.from_quat(_get(table, _POSE[3:]))
+    return turns.as_euler("ZYX", degrees=True)[:, ::-1]
+
+
+def _euler_radians(rng: Any, tables: list[Table], own: dict) -> Change:
+    _set(tables[0], _EULER, np.radians(_get(tables[0], _EULER)))
+    return Change(("frame",), ("rad",), "roll, pitch and yaw in rad")
+
+
+def _euler_rates_in_degrees(rng: Any, tables: list[Table], own: dict) -> Change:
+    _set(tables[0], _TWIST[3:], np.degrees(_get(tables[0], _TWIST[3:])))
+    return Change(("velocity_mismatch",), ("deg/s",), "roll, pitch, yaw; body rates in deg/s")
+
+
+def _euler_ned(rng: Any, tables: list[Table], own: dict) -> Change:
+    _ned(rng, tables, own)
+    _set(tables[0], _EULER, _euler(tables[0]))
+    return Change(("frame",), ("NED/FRD",), "roll, pitch and yaw and all else in NED/FRD")
+
+
 def _vehicle_reversed(rng: Any, tables: list[Table], own: dict) -> Change:
     for k in range(1, len(own["names"]) + 1):
         tables[0][f"u{k}"] = -tables[0][f"u{k}"]
@@ -408,6 +447,10 @@ VEHICLE_KINDS: dict[str, Callable[[Any, list[Table], dict], Change]] = {
     "pose in NED": _ned_pose,
     "all in NED": _ned,
     "vehicle's reversed commands": _vehicle_reversed,
+    "Euler angles, healthy": _healthy,
+    "Euler angles in radians": _euler_radians,
+    "Euler angles, rates in deg/s": _euler_rates_in_degrees,
+    "Euler angles, all in NED": _euler_ned,
 }
 """Changes of vehicles' logs, by name."""
 

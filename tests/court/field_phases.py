@@ -94,6 +94,8 @@ def draw(seed: int, folder: Path, kind: str | None = None, model: str | None = N
     arm = model in ARMS
     seconds = float(rng.uniform(10, 16)) * (2.0 if model in FLOATING else 1.0)
     scenario = replace(load(model), seed=seed, sensors="ideal", duration=seconds)
+    steps = int(np.ceil(1 / (_RATE * scenario.dt)))  # of the simulation, in one of the log
+    scenario = replace(scenario, dt=1 / (_RATE * steps))
     setup = Setup.of(scenario)
     first = _gentle(setup, model in FLYING, rng) if kind == "gentle" else _run(setup, 0, seconds)
     parts = [first, _run(setup, 1, seconds) if kind in _SECOND else first]

@@ -119,7 +119,7 @@ def judge(result: Identification, found: Simulated, units: Array) -> Judgement:
         names -= {name for b, _ in system.space for name in b.names if b.name.startswith("link")}
     said = Judgement(figures={"explains": result.explains, "anchor": result.anchor})
     ratios = "only in combination"  # a gain whose scale rests on the model file's masses
-    if _doubted(result):
+    if doubted(result):
         said.flagged.append(f"the verdict is {result.explains}")
     gains = [p for p in result.parameters if p.name in {system.space.names[i] for i in at}]
     if not any(p.status in ("identified", "known", ratios) for p in gains):
@@ -138,11 +138,11 @@ def judge(result: Identification, found: Simulated, units: Array) -> Judgement:
             off.append(f"{p.name} {p.value:.3g} ({p.low:.3g} … {p.high:.3g}), truly {true:.3g}")
     said.coverage = float(np.mean(held)) if held else None
     said.wrong += off[:4] + ([f"and {len(off) - 4} more"] if len(off) > 4 else [])
-    _judge_ratios(said, gains, truth[[system.space.index(p.name) for p in gains]])
+    judge_ratios(said, gains, truth[[system.space.index(p.name) for p in gains]])
     return said
 
 
-def _doubted(result: Identification) -> bool:
+def doubted(result: Identification) -> bool:
     """Whether the verdict doubts more than the common scale, which nothing fixes in half the logs.
 
     Of those logs the ratios of the gains are judged.
@@ -168,7 +168,7 @@ def _size(system: Any, truth: Array, name: str) -> float:
     return abs(float(truth[index]))
 
 
-def _judge_ratios(said: Judgement, gains: list[Any], truth: Array) -> None:
+def judge_ratios(said: Judgement, gains: list[Any], truth: Array) -> None:
     """Judges the gains of identified actuators relative to each other."""
     use = [
         k

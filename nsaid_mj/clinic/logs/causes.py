@@ -34,6 +34,7 @@ _ALIKE = 0.06  # spread of factors that one cause explains
 CLEAR = 0.8  # ratio of two hypotheses' errors below which the better one is certain
 _RATES = (4.0, 10_000.0)  # of robots' logs [Hz]
 _GROSS = 80.0  # factor of a clock from which a log cannot be prepared; degrees are 57
+_UNITS = (1e3, 1e6, 1e9)  # of time, in one another
 _WINDOWS = 200  # windows of a log in which positions are compared with integrals of velocities
 _UNLIKELY = 0.2  # handicap [log of the error] of a hypothesis that needs an unusual number
 UNITS = {  # positions over velocities, by the unit that was not stated
@@ -340,7 +341,8 @@ def gross_clock(cleaned: Sequence[Cleaned], findings: Sequence[Finding]) -> Find
     """The finding of a clock that is wrong by orders of magnitude, such as ms taken for seconds.
 
     Changes of the positions are compared with integrals of the velocities over windows of rows, on
-    the log's own clock: such a log may have no half second.
+    the log's own clock: such a log may have no half second. Without velocities, only a clock on
+    which no robot is recorded is told.
     """
     factors = []
     for log in cleaned:
@@ -355,10 +357,13 @@ def gross_clock(cleaned: Sequence[Cleaned], findings: Sequence[Finding]) -> Find
             together = correlation(moved[:, :1], moved[:, 1:])[0, 0]
             if together > AGREES:
                 factors.append(float(np.std(moved[:, 0]) / np.std(moved[:, 1])))
-    if not factors or max(factors) > (1 + FACTOR) * min(factors):
+    rate = float(np.median([log.reference.rate for log in cleaned]))
+    if not factors:
+        unit = next((k for k in _UNITS if rate > _RATES[1] and plausible(rate / k)), None)
+        return None if unit is None else _too_fast(rate, unit)
+    if max(factors) > (1 + FACTOR) * min(factors):
         return None
     factor = nice(float(np.median(factors)))
-    rate = float(np.median([log.reference.rate for log in cleaned]))
     if 1 / _GROSS < factor < _GROSS or plausible(rate) or not plausible(rate / factor):
         return None
     cause = clock_cause(factor)
@@ -369,3 +374,12 @@ def gross_clock(cleaned: Sequence[Cleaned], findings: Sequence[Finding]) -> Find
             if taken in TIME and abs(size / (TIME[str(taken)] * factor) - 1) < 0.02:
                 changes = {"time.unit": unit}
     return Finding("refusal", "clock", "", cause.text, remedy_of(changes), {"map": changes})
+
+
+def _too_fast(rate: float, factor: float) -> Finding:
+    """The finding of a log with so many rows per second that its time must be in a smaller unit."""
+    text = f"the log has {number(rate, significant=3)} rows per second, at which no robot is "
+    text += f"recorded: its clock runs {number(factor, significant=3)} times too fast, as where "
+    text += "times in a smaller unit are read as seconds"
+    changes: dict[str, object] = {"time.scale": factor}
+    return Finding("refusal", "clock", "", text, remedy_of(changes), {"map": changes})

@@ -15,6 +15,7 @@ from .causes import CLEAR, DEGREES, velocity_causes
 from .command_causes import command_causes
 from .evidence import LogMotion, limits, misfit, motion_of, scaled
 from .frames import frame_causes
+from .motor_side import motor_side
 from .recordings import Recordings
 from .remedies import remedy_of
 from .unusable import UnusableLog
@@ -39,7 +40,7 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     """Findings about recordings of a robot; refusals where no fit can be trusted.
 
     Codes: `dead_channel`, `at_rest`, `short_log`, `degrees`, `beyond_limits`, `velocity_mismatch`,
-    `swapped_columns` and `milliamps`.
+    `swapped_columns`, `motor_side` and `milliamps`.
     """
     motion = motion_of(recordings)
     remedy = "Map the column of its torque or current, or leave the joint out with --lock."
@@ -84,10 +85,11 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     speeds = np.quantile(np.abs(motion.slopes), 0.95, axis=0)
     beyond = beyond_limits(motion.q, speeds, robot)
     beyond = [f for f in beyond if f.where not in reported]
-    found += in_degrees(beyond, robot, measured, motion)
+    geared = None if refused(found) else motor_side(motion, robot, measured)
+    found += in_degrees(beyond, robot, measured, motion) if geared is None else [geared]
     if recordings.imu is not None:  # what follows compares commands with motion on a fixed base
         return _first_clocks(found)
-    if not refused(f for f in found if f.code in ("beyond_limits", "degrees")):
+    if not refused(f for f in found if f.code in ("beyond_limits", "degrees", "motor_side")):
         found += command_causes(motion, robot)
     if not robot.weightless and not refused(found):
         found += _large_commands(motion, recordings, robot)

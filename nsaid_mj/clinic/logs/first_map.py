@@ -49,8 +49,9 @@ _AXES = """\
 # order = "xyzw"  # or wxyz, of the quaternion
 # twist = "body"  # or world, the axes of `linear`
 # frame = "ENU/FLU"  # or NED/FRD
-# Instead of a quaternion, euler = ["roll", "pitch", "yaw"] in degrees. Without `linear` and
-# `angular` the pose is differentiated; `position` may be left out where they are given.
+# Instead of a quaternion, euler = ["roll", "pitch", "yaw"] in degrees, or in radians with
+# euler_unit = "rad". Without `linear` and `angular` the pose is differentiated; `position` may be
+# left out where they are given.
 """
 _IN_SPACE = {
     "position": ("positionx positiony positionz", "posx posy posz", "px py pz", "x y z"),

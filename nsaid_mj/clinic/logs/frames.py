@@ -27,6 +27,7 @@ _HALF = 0.5  # ratio of errors below which they are
 _UNRELATED = 0.6  # error above which a velocity follows from the pose in no axes
 _UNUSUAL = 0.02  # handicap of each axis that is turned
 _CHANGED = 0.05  # handicap of another order or direction of the quaternion, or frame
+_OFF = 0.3  # what a velocity of another scale than the pose's adds to its error
 _FACTOR = 0.15  # relative error of a velocity's scale that noise does not explain
 _ALIKE = 0.08  # relative difference of the scales of both velocities that a clock explains
 _BAND = 5.0  # cut-off over the frequency of the motion
@@ -68,6 +69,9 @@ def frame_causes(recordings: Recordings, robot: RobotModel) -> list[Finding]:
     """Findings about the axes of a vehicle's pose and velocities, and its clock."""
     segments = max(recordings.segments, key=lambda segment: len(segment.log.t))
     _, q, v, _ = segments.log
+    if robot.system.group == 6:  # what a vehicle carries, such as an arm, has its own joints
+        q = q[:, :7]
+        v = v[:, :6]
     rate = recordings.rate
     vehicle = recordings.vehicle
     if vehicle is not None and vehicle.linear is None:
@@ -75,14 +79,14 @@ def frame_causes(recordings: Recordings, robot: RobotModel) -> list[Finding]:
     judged = []
     for pose in _poses(q, vehicle):
         matches = [_best(part) for part in _parts(pose.q, v, rate, vehicle)]
-        total = pose.handicap + sum(match.error + match.handicap for match in matches)
-        judged.append((total, pose, matches))
+        total = pose.handicap + sum(match.handicap for match in matches)
+        judged.append((total + sum(map(_contradiction, matches)), pose, matches))
     own = [_as_is(part) for part in _parts(q, v, rate, vehicle)]
     if not own:
         return []
     _, pose, matches = min(judged, key=lambda one: one[0])
-    before = np.array([match.error for match in own])
-    after = np.array([match.error for match in matches])
+    before = np.array([_contradiction(match) for match in own])
+    after = np.array([_contradiction(match) for match in matches])
     if before.sum() - after.sum() < _CONTRADICTS or (after > _HALF * before).all():
         matches = own
         pose = Pose("", {}, q, 0.0)
@@ -103,9 +107,12 @@ def frame_causes(recordings: Recordings, robot: RobotModel) -> list[Finding]:
 
 
 def _poses(q: Array, vehicle: Vehicle | None) -> Iterator[Pose]:
-    """The pose as it is read, and with the quaternion in another order or direction."""
+    """The pose as it is read, and with its attitude in another unit, order or direction."""
     yield Pose("", {}, q, 0.0)
-    if q.shape[1] == 3 or vehicle is None or vehicle.quaternion is None:
+    if q.shape[1] == 3 or vehicle is None:
+        return
+    if vehicle.quaternion is None:
+        yield _other_unit(q, vehicle)
         return
     ned = vehicle.frame == "NED/FRD"
     turn = Rotation.from_quat(q[:, 3:]).as_matrix()
@@ -130,6 +137,19 @@ def _poses(q: Array, vehicle: Vehicle | None) -> Iterator[Pose]:
             words.append(f"the quaternion turns from {direction}")
         own = np.hstack([q[:, :3], found])
         yield Pose(" and ".join(words), changes, own, _CHANGED * len(changes))
+
+
+def _other_unit(q: Array, vehicle: Vehicle) -> Pose:
+    """The pose with roll, pitch and yaw in radians where degrees were read, or the other way."""
+    ned = vehicle.frame == "NED/FRD"
+    turn = Rotation.from_quat(q[:, 3:]).as_matrix()
+    raw = Rotation.from_matrix(NED.T @ turn @ FRD if ned else turn)
+    unit, factor = ("rad", 180 / np.pi) if vehicle.euler_unit == "deg" else ("deg", np.pi / 180)
+    found = Rotation.from_euler("ZYX", factor * raw.as_euler("ZYX")).as_matrix()
+    found = Rotation.from_matrix(NED @ found @ FRD if ned else found).as_quat()
+    words = f"roll, pitch and yaw are in {unit}, not in {vehicle.euler_unit}"
+    changes: dict[str, object] = {"vehicle.euler_unit": unit}
+    return Pose(words, changes, np.hstack([q[:, :3], found]), _CHANGED)
 
 
 def _parts(q: Array, v: Array, rate: float, vehicle: Vehicle | None) -> list[TwistPart]:
@@ -298,6 +318,11 @@ def _columns(name: str, turn: Array, vehicle: Vehicle | None) -> dict[str, objec
     return {f"vehicle.{name}": names}
 
 
+def _contradiction(match: Match) -> float:
+    """How far a velocity is from one that follows from the pose: its error, and another scale."""
+    return match.error + _OFF * _off(match)
+
+
 def _off(match: Match) -> bool:
     """Whether a velocity has another scale than the pose, whichever of both has the noise."""
     together = max(1 - 2 * match.error, 0.0)  # their correlation
@@ -347,7 +372,7 @@ def _driven(recordings: Recordings, robot: RobotModel) -> list[Finding]:
     q, v, u = _longest(recordings)
     own = _balance(robot, q, v, u, recordings.rate)
     trials: list[tuple[float, str, str, dict[str, object]]] = []
-    if q.shape[1] == 7 and vehicle is not None:
+    if robot.system.group == 6 and vehicle is not None:
         frame = "NED/FRD" if vehicle.frame == "ENU/FLU" else "ENU/FLU"
         text = f"pose and velocities are in {frame} axes"
         error = _balance(robot, _other_pose(q), _other_twist(v), u, recordings.rate)
@@ -381,13 +406,13 @@ def _longest(recordings: Recordings) -> tuple[Array, Array, Array]:
 
 
 def _other_pose(q: Array) -> Array:
-    """Poses (N, 7) in ENU/FLU axes of numbers that are in NED/FRD axes, or the other way round."""
-    turn = NED @ Rotation.from_quat(q[:, 3:]).as_matrix() @ FRD
-    return np.hstack([q[:, :3] @ NED.T, Rotation.from_matrix(turn).as_quat()])
+    """Poses (N, m) in ENU/FLU axes of numbers that are in NED/FRD axes, or the other way round."""
+    turn = NED @ Rotation.from_quat(q[:, 3:7]).as_matrix() @ FRD
+    return np.hstack([q[:, :3] @ NED.T, Rotation.from_matrix(turn).as_quat(), q[:, 7:]])
 
 
 def _other_twist(v: Array) -> Array:
-    return np.hstack([v[:, :3] @ FRD, v[:, 3:] @ FRD])
+    return np.hstack([v[:, :3] @ FRD, v[:, 3:6] @ FRD, v[:, 6:]])
 
 
 def _balance(robot: RobotModel, q: Array, v: Array, u: Array, rate: float) -> float:

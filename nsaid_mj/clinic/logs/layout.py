@@ -355,8 +355,8 @@ def _of_vehicle(
     velocities = tuple(_source("velocity", c) for c in parts[1]) or (None,) * n
     positions = tuple(_source("position", c) for c in parts[0])
     if vehicle is not None and vehicle.euler is not None:
-        degrees = [replace(column, unit="deg") for column in parts[0][-3:]]
-        positions = (*positions[:-3], *(_source("position", c, angle=True) for c in degrees))
+        angles = [replace(column, unit=vehicle.euler_unit) for column in parts[0][-3:]]
+        positions = (*positions[:-3], *(_source("position", c, angle=True) for c in angles))
     scales = [mapping.factors.of("command", name) for name in robot.joints]
     commands = tuple(
         _source("command", c, scale=scale) for c, scale in zip(parts[2], scales, strict=True)

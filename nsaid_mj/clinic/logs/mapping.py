@@ -375,9 +375,10 @@ class Vehicle:
     # x, y, z [m], left out to integrate `linear`; x, y and heading [rad] of a vehicle in the plane
     position: Three | None = None
     quaternion: Four | None = None  # from body to world; not used in the plane
-    # roll, pitch and yaw [deg] instead, the turns about x, y' and z'' from the world's axes to the
+    # roll, pitch and yaw instead, the turns about x, y' and z'' from the world's axes to the
     # body's, yaw first
     euler: Three | None = None
+    euler_unit: Literal["deg", "rad"] = "deg"
     # velocity; None to differentiate the pose. In the plane: surge, sway, yaw rate
     linear: Three | None = None
     # velocity in the body's axes [rad/s]; None to differentiate the pose
