@@ -25,6 +25,8 @@ class LogSegment(NamedTuple):
     usable: NDArray[np.bool_]
     source: str  # file name
     rows: tuple[int, int]  # (first, last) row of the file, for messages
+    # (N, 3) specific force of a vehicle along its axes [m/s²]; None if it is not measured or needed
+    specific: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,11 @@ class Recordings:
     # (2, n) gains of the measured positions and velocities in the commands, of motors under a PD
     # law: they act at once, while what else the commands hold may act late; None without feedback
     feedback: NDArray[np.float64] | None = None
+
+    @property
+    def turns_only(self) -> bool:
+        """Whether the rows are those of a vehicle's rotation alone: no translation is measured."""
+        return self.vehicle is not None and self.vehicle.turns_only
 
     def driven(self, robot: RobotModel) -> list[int]:
         """Numbers of the joints with a motor, from 0.
