@@ -142,8 +142,9 @@ def _judged(
     """
     held_out = np.array([joint.held_out for joint in joints])
     found = []
-    for joint in joints:
-        if not arm and np.isnan(joint.held_out):
+    fitted_ones = fitted.problem.usable.any(axis=0)
+    for joint, used in zip(joints, fitted_ones, strict=True):
+        if not arm and used and np.isnan(joint.held_out):
             text = "no actuator drives it and it hardly moves, so its prediction is not judged"
             remedy = "Record a motion that accelerates it."
             found.append(Finding("note", "hardly_moved", joint.name, text, remedy))
@@ -183,7 +184,7 @@ def _identification(
     explains, sentence = verdict(joints, found, scale, robot.held)
     common = np.zeros(2 * fit.theta.shape) if scale.fixed else scale.weights
     parameters = parameters_in_words(problem, fit, exact, gain_spread, common)
-    found += added_mass(robot, parameters)
+    found += [] if recordings.turns_only else added_mass(robot, parameters)
     checked = None
     if validating is not None and made.checked is not None:
         checked = _curves(made.checked, fit.theta, validating)

@@ -283,7 +283,8 @@ def _part(segment: LogSegment, a: int, b: int) -> LogSegment:
     first, last = segment.rows
     every = (last - first) / max(len(segment.log.t) - 1, 1)
     rows = (round(first + a * every), round(first + (b - 1) * every))
-    return LogSegment(segment.log.part(a, b), segment.usable[a:b], segment.source, rows)
+    felt = None if segment.specific is None else segment.specific[a:b]
+    return LogSegment(segment.log.part(a, b), segment.usable[a:b], segment.source, rows, felt)
 
 
 def _divided(phases: Sequence[LogPhase], source: str, foreign: ForeignPhase) -> list[LogPhase]:

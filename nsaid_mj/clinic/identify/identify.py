@@ -169,11 +169,15 @@ def _fitted(
         unfiltered,
         without,
     )
+    from .translation import left_out
 
     if law != "batch" and robot.followers:
         remedy = f"Leave --law out, or lock them: `--lock {','.join(robot.followers)}`."
         expected = "batch, as joints follow others"
         raise InvalidInput("--law", expected, law, remedy)
+    if law != "batch" and recordings.turns_only:
+        expected = "batch, as the translation is not measured"
+        raise InvalidInput("--law", expected, law, "Leave --law out.")
     found = calibrate(robot, recordings, validation, options, report)
     for _ in range(PASSES):
         foreign = foreign_phases(found)
@@ -185,7 +189,8 @@ def _fitted(
         if validation is not None:
             validation = without(validation, unseen)
         found = calibrate(robot, rest, validation, options, report)
-    sentence = f"{found.verdict} {parts_in_words(found.recordings.phases)}".rstrip()
+    parts = parts_in_words(found.recordings.phases)
+    sentence = " ".join(filter(None, (found.verdict, left_out(found.findings), parts)))
     findings = (*found.findings, *unfiltered(found))
     found = replace(found, verdict=sentence, findings=findings)
     if law == "batch":

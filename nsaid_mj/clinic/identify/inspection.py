@@ -17,6 +17,14 @@ from ..logs.recordings import Recordings
 from ..logs.tables import Channel, LogTable
 from ..logs.unusable import UnmatchedChannels, UnusableLog
 
+_ALONE = Finding(
+    "note",
+    "rotation_alone",
+    "",
+    "neither position nor linear velocity is given: `nsaid identify` fits roll, pitch and yaw, and "
+    "surge, sway and heave as far as depth or acceleration tell of them",
+)
+
 
 @dataclass(frozen=True)
 class ChannelFigures:
@@ -76,6 +84,8 @@ def inspect(
                 roles = _roles(layout(mapping, robot, tables), robot)
                 recordings = prepare(tables, mapping, robot)
                 findings = (*recordings.findings, *checks(recordings, robot))
+                if recordings.turns_only:
+                    findings += (_ALONE,)
         except UnmatchedChannels as error:
             text = f"cannot determine which channels are {', '.join(error.missing)}"
             text += f". {' '.join(error.reasons)}".rstrip(".")
@@ -149,6 +159,8 @@ def _roles(made: Layout, robot: RobotModel) -> dict[str, str]:
     groups = made.positions, made.velocities, made.commands
     for (word, every), group in zip(signal_names(robot).items(), groups, strict=True):
         names = [every[j] for j in robot.independent] if robot.coupling else every
+        if made.vehicle is not None and word == "q" and made.vehicle.position is None:
+            names = every[3 - len(made.vehicle.place) :]  # a depth is that of z
         for (name, _), source in zip(names, group, strict=False):
             if source is not None:
                 found[source.column.column] = f"{word} of {name}"

@@ -28,6 +28,7 @@ from .joints import FILE
 from .problem import FitProblem, Size, size_weights
 from .rows import Rows, with_columns
 from .smoothing import Filter, Smooth
+from .translation import acceleration
 
 _FLOW = 0.05  # of a current, for differences [m/s]
 _SPREAD = 0.3  # prior spread of positive parameters
@@ -105,13 +106,15 @@ class VehicleRows(Rows):
     def flow(self, theta: Array, timing: Timing) -> Array:
         """(N, n, k) forces per m/s of a steady current or wind along the world's axes, at θ̂ (p,).
 
-        k is 0 for vehicles on which neither water nor air acts, or of several bodies.
+        k is 0 for vehicles on which neither water nor air acts, or of several bodies, and for logs
+        without their translation.
         """
         system = self.system
         acting = np.zeros(len(self.system.space))
         at = [c.parameter for c in system.structure.columns if c.kind in DRAG_AND_LIFT]
         acting[at] = theta[at]
-        if not acting.any() or (system.m, system.n) not in ((7, 6), (3, 3)):
+        moved = (system.m, system.n) in ((7, 6), (3, 3)) and not self.recordings.turns_only
+        if not acting.any() or not moved:
             return np.zeros((len(self.t), system.n, 0))
         count, found = (3, []) if system.m == 7 else (2, [])
         for motion, held in zip(self.motions, self._held(timing), strict=True):
@@ -159,7 +162,8 @@ class VehicleRows(Rows):
         prior = np.append(self._prior, np.zeros(len(space) - len(self._prior)))
         spread = np.where(space.geometries == "positive", _SPREAD, space.scale)
         weights = _size(space, rows[self.usable], prior)
-        deviation = scale_deviation(self.robot) if self.robot.weighed else FILE
+        weighed = self.robot.weighed and bool(self.usable[:, :3].any())  # no mass acts in a turn
+        deviation = scale_deviation(self.robot) if weighed else FILE
         size = Size(weights[None], np.zeros(len(space), dtype=np.intp), deviation, none)
         # relative to its own drag, noise of a velocity without an actuator would pass for drag
         inertia = np.tile(weights, (rows.shape[1], 1))
@@ -202,5 +206,7 @@ def smooth_pose(system: SecondOrderSystem, segment: LogSegment, chosen: Filter) 
     """The smoothed motion of a segment, whose positions may be poses."""
     log = smoothed(system, segment.log, chosen.smoothing)
     a = np.gradient(log.v, 1 / chosen.rate, axis=0)
+    if segment.specific is not None:
+        a[:, :3] = chosen.low_pass(acceleration(segment, log.q, log.v))
     pick = slice(None, None, chosen.every)
     return Smooth(log.t[pick], log.q[pick], log.v[pick], a[pick], segment.usable[pick])

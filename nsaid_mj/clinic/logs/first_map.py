@@ -50,8 +50,11 @@ _AXES = """\
 # twist = "body"  # or world, the axes of `linear`
 # frame = "ENU/FLU"  # or NED/FRD
 # Instead of a quaternion, euler = ["roll", "pitch", "yaw"] in degrees, or in radians with
-# euler_unit = "rad". Without `linear` and `angular` the pose is differentiated; `position` may be
-# left out where they are given.
+# euler_unit = "rad". Without `linear` or `angular` the pose is differentiated; `position` may be
+# left out where `linear` is given. Without both the rotation alone is identified, with what these
+# tell, if the log has them:
+# depth = "depth"  # [m]
+# acceleration = ["ax", "ay", "az"]  # as an accelerometer measures it [m/s²]
 """
 _IN_SPACE = {
     "position": ("positionx positiony positionz", "posx posy posz", "px py pz", "x y z"),
@@ -212,8 +215,9 @@ def _vehicle(tables: Sequence[LogTable], robot: RobotModel) -> str:
     channels = channel_names(tables)
     spatial = robot.system.m == 7
     lines = ["\n[vehicle]\n"]
+    given = motion_columns(channels, spatial)
     for key, choices in (_IN_SPACE if spatial else _IN_PLANE).items():
-        found = next(filter(None, (_named(choice.split(), channels) for choice in choices)), None)
+        found = given.get(key)
         names = json.dumps(found or choices[-1].split(), ensure_ascii=False)
         lines.append(f"{'' if found else '# '}{key} = {names}\n")
     if spatial:
@@ -233,6 +237,51 @@ def _vehicle(tables: Sequence[LogTable], robot: RobotModel) -> str:
             mark = "" if len(groups) == 1 else "# "
             lines.append(mark + _line(_key(name), column, scaled, means))
     return "".join(lines)
+
+
+def motion_columns(channels: Collection[str], spatial: bool) -> dict[str, list[str]]:
+    """The columns of a vehicle's pose and twist that channels' names tell, by the map's keys."""
+    found = {}
+    for key, choices in (_IN_SPACE if spatial else _IN_PLANE).items():
+        names = next(filter(None, (_named(choice.split(), channels) for choice in choices)), None)
+        if names is not None:
+            found[key] = names
+    return found
+
+
+def lacking(channels: Collection[str], robot: RobotModel) -> tuple[list[str], list[str]]:
+    """What names do not tell of a vehicle's motion and commands, and what could be done."""
+    spatial = robot.system.m == 7
+    given = motion_columns(channels, spatial)
+    driven = set(candidates(channels, robot.joints)["command"])
+    keys = _IN_SPACE if spatial else _IN_PLANE
+    missing = [_WORDS[key] if spatial else _FLAT[key] for key in keys if key not in given]
+    if len(driven) != 1:
+        missing.append(f"the commands of {', '.join(robot.joints)}")
+    known = [f"{key} ({', '.join(names)})" for key, names in given.items()]
+    reasons = [f"Names tell {'; '.join(known)}."] if known else []
+    if spatial:
+        reasons.append(
+            "Required are the orientation and the commands. Position or linear velocity, and "
+            "angular velocity, are differentiated if one of each is missing. With neither position "
+            "nor linear velocity the rotation alone is identified: give what there is in "
+            "[vehicle], with depth or acceleration if the log has them."
+        )
+    else:
+        reasons.append(
+            "Required are x, y and heading, and the commands; velocities are differentiated if "
+            "they are missing."
+        )
+    return missing, reasons
+
+
+_WORDS = {
+    "position": "the position (x, y, z)",
+    "quaternion": "the orientation (a quaternion, or roll, pitch and yaw)",
+    "linear": "the linear velocity",
+    "angular": "the angular velocity",
+}
+_FLAT = {"position": "x, y and heading", "linear": "surge, sway and yaw rate"}
 
 
 def _named(suffixes: Sequence[str], channels: Collection[str]) -> list[str] | None:

@@ -74,7 +74,7 @@ def frame_causes(recordings: Recordings, robot: RobotModel) -> list[Finding]:
         v = v[:, :6]
     rate = recordings.rate
     vehicle = recordings.vehicle
-    if vehicle is not None and vehicle.linear is None:
+    if vehicle is not None and vehicle.linear is None and vehicle.angular is None:
         return []
     judged = []
     for pose in _poses(q, vehicle):
@@ -165,14 +165,15 @@ def _parts(q: Array, v: Array, rate: float, vehicle: Vehicle | None) -> list[Twi
     loud = np.std(slow, axis=0) > _LOUD * noise
     weights = np.where(loud, 1.0, 0.1)
     parts = []
-    placed = vehicle is None or vehicle.position is not None
-    if placed:
+    if vehicle is None or (vehicle.position is not None and vehicle.linear is not None):
         around = signals.low_pass(world, cut)
         bases = {"body": soft[:, :count], "world": around}
         if not flat:
             turns = Rotation.from_quat(q[:, 3:]).inv()
             bases["other world"] = turns.apply(around @ NED.T)
         parts.append(TwistPart("linear", slow[:, :count], bases, weights[:count]))
+    if vehicle is not None and not flat and vehicle.angular is None:
+        return parts
     bases = {"body": soft[:, count:]}
     if not flat:
         bases["world"] = Rotation.from_quat(q[:, 3:]).apply(soft[:, count:])
@@ -370,15 +371,15 @@ def _driven(recordings: Recordings, robot: RobotModel) -> list[Finding]:
     """
     vehicle = recordings.vehicle
     q, v, u = _longest(recordings)
-    own = _balance(robot, q, v, u, recordings.rate)
+    own = _balance(robot, q, v, u, recordings)
     trials: list[tuple[float, str, str, dict[str, object]]] = []
     if robot.system.group == 6 and vehicle is not None:
         frame = "NED/FRD" if vehicle.frame == "ENU/FLU" else "ENU/FLU"
         text = f"pose and velocities are in {frame} axes"
-        error = _balance(robot, _other_pose(q), _other_twist(v), u, recordings.rate)
+        error = _balance(robot, _other_pose(q), _other_twist(v), u, recordings)
         trials.append((error, "frame", text, {"vehicle.frame": frame}))
     if (u < 0).any():
-        error = _balance(robot, q, v, -u, recordings.rate)
+        error = _balance(robot, q, v, -u, recordings)
         trials.append(
             (error, "reversed_sign", "all commands are reversed", {"factors.command": -1})
         )
@@ -393,8 +394,8 @@ def _driven(recordings: Recordings, robot: RobotModel) -> list[Finding]:
 def _wrong_one(recordings: Recordings, robot: RobotModel) -> str:
     """Whether the sheet's forces contradict the frame of the `pose` or that of the `twist`."""
     q, v, u = _longest(recordings)
-    by_twist = _balance(robot, q, _other_twist(v), u, recordings.rate)
-    by_pose = _balance(robot, _other_pose(q), v, u, recordings.rate)
+    by_twist = _balance(robot, q, _other_twist(v), u, recordings)
+    by_pose = _balance(robot, _other_pose(q), v, u, recordings)
     return "pose" if by_pose < by_twist else "twist"
 
 
@@ -415,12 +416,13 @@ def _other_twist(v: Array) -> Array:
     return np.hstack([v[:, :3] @ FRD, v[:, 3:6] @ FRD, v[:, 6:]])
 
 
-def _balance(robot: RobotModel, q: Array, v: Array, u: Array, rate: float) -> float:
+def _balance(robot: RobotModel, q: Array, v: Array, u: Array, recordings: Recordings) -> float:
     """Error of the forces of a vehicle's sheet along a motion, over their size, 0 to 1.
 
-    Actuators may have any common strength; the mean over the velocities that they move.
+    Actuators may have any common strength; the mean over the measured velocities that they move.
     """
     system = robot.system
+    rate = recordings.rate
     space = system.space
     cut = min(_BAND * _frequency(v, rate), rate / 5) / (0.5 * rate)
     slow = signals.low_pass(v, cut)
@@ -433,5 +435,6 @@ def _balance(robot: RobotModel, q: Array, v: Array, u: Array, rate: float) -> fl
     forces = [signals.low_pass(W[:, :, own] @ robot.prior[own], cut) for own in (acting, ~acting)]
     sizes = [np.sqrt(np.mean(x**2, axis=0)) for x in forces]
     moved = sizes[0] > 0.02 * sizes[0].max()
+    moved[: 3 if recordings.turns_only else 0] = False
     error = np.sqrt(np.mean((forces[0] + forces[1]) ** 2, axis=0)) / np.maximum(sum(sizes), 1e-300)
     return float(np.mean(error[moved])) if moved.any() else 1.0

@@ -37,6 +37,7 @@ class Layout(NamedTuple):
     coupling: Array | None = None  # (n, n) joint velocities per motor velocity; None for a vehicle
     torque: Array | None = None  # (n_u, n_u) joint commands per motor command; None for a vehicle
     vehicle: Vehicle | None = None  # form of pose and twist; None for joints or own coordinates
+    specific: tuple[ChannelSource, ...] = ()  # sources of a vehicle's specific force; () without
     assumed: str = ""  # assumptions, in words; "" if the map or the names are complete
     pd: PdLaw | None = None  # law that makes torques of the commands, then targets; None for forces
     # robot whose joints without a source follow those that have one; None if all have one
@@ -48,7 +49,8 @@ class Layout(NamedTuple):
         """All sources: positions, velocities, commands."""
         more = self.pd.sources if self.pd else ()
         more = (*more, *(self.imu.sources if self.imu else ()))
-        return (*self.positions, *filter(None, (*self.velocities, *self.commands)), *more)
+        measured = (*self.velocities, *self.commands)
+        return (*self.positions, *filter(None, measured), *self.specific, *more)
 
     @property
     def command_units(self) -> tuple[str, ...]:
@@ -98,11 +100,22 @@ class Layout(NamedTuple):
 
         q (N, 7) is that of `self.q`, v (N, 6) that of `self.v`, `rate` in rows per second [Hz].
         """
-        if self.vehicle is None or self.vehicle.position is not None:
+        if self.vehicle is None or self.vehicle.position is not None or self.turns_only:
             return q
         world = Rotation.from_quat(q[:, 3:]).apply(v[:, :3])
         path = scipy.integrate.cumulative_trapezoid(world, dx=1 / rate, axis=0, initial=0.0)
         return np.hstack([path, q[:, 3:]])
+
+    @property
+    def turns_only(self) -> bool:
+        """Whether it is the layout of a vehicle whose translation is not measured."""
+        return self.vehicle is not None and self.vehicle.turns_only
+
+    def force(self, raw: Array) -> Array:
+        """Specific forces (N, 3) along our axes of the body, from scaled sources (N, 3)."""
+        own = raw + [source.column.offset for source in self.specific]
+        ned = self.vehicle is not None and self.vehicle.frame == "NED/FRD"
+        return own @ FRD if ned else own
 
     @property
     def quaternion(self) -> tuple[str, ...]:
@@ -310,12 +323,13 @@ def _ordered(mapping: Map, names: Sequence[str]) -> list[Joint]:
 
 
 def _existing(made: Layout, channels: list[str]) -> Layout:
-    for source in made.sources:
-        name = source.column.column
+    missing = [s for s in made.sources if s.column.column not in channels]
+    if missing:
+        what = f"map: column of a {missing[0].quantity}"
+        names = ", ".join(dict.fromkeys(source.column.column for source in missing))
+        expected = "a column of the log" if "," not in names else "columns of the log"
         remedy = f"The log has {', '.join(channels)}."
-        if name not in channels:
-            what = f"map: column of a {source.quantity}"
-            raise InvalidInput(what, "a column of the log", name, remedy)
+        raise InvalidInput(what, expected, names, remedy)
     return made
 
 
@@ -334,35 +348,37 @@ def _of_vehicle(
         widths = {"q": m, "v": n, "u": count}
         parts = [[ColumnMap(column=f"{x}_{k}") for k in range(w)] for x, w in widths.items()]
         if not {column.column for part in parts for column in part} <= set(channels):
-            reason = "The map of a vehicle has [vehicle] and [actuators]."
-            raise UnmatchedChannels(["pose, velocities and commands"], [reason], channels)
+            from .first_map import lacking
+
+            raise UnmatchedChannels(*lacking(channels, robot), channels)
     else:
-        _check_vehicle(vehicle, m, n)
-        twist = [*(vehicle.linear or ()), *(vehicle.angular or ())]
         actuators = {name.replace("_", " "): column for name, column in mapping.actuators.items()}
         plain = [name.replace("_", " ") for name in robot.joints]
-        missing = [name for name in plain if name not in actuators]
-        if missing:
-            remedy = f"The actuators are {', '.join(robot.joints)}."
-            raise InvalidInput("map: actuators", "one entry for each", f"no {missing[0]}", remedy)
+        _check_vehicle(vehicle, m, n, [name for name in plain if name not in actuators])
         parts = [
             [_signed(name, channels) for name in vehicle.pose],
-            [_signed(name, channels) for name in twist],
+            [
+                None if name is None else _signed(name, channels)
+                for part, count in ((vehicle.linear, 3), (vehicle.angular, n - 3))
+                for name in part or (None,) * count
+            ],
             [_relative(actuators[name], robot) for name in plain],
         ]
-    if vehicle is not None and vehicle.angular_unit == "deg/s":
-        parts[1][-3:] = [replace(column, unit="deg/s") for column in parts[1][-3:]]
-    velocities = tuple(_source("velocity", c) for c in parts[1]) or (None,) * n
-    positions = tuple(_source("position", c) for c in parts[0])
+    if vehicle is not None and vehicle.angular is not None and vehicle.angular_unit == "deg/s":
+        parts[1][-3:] = [replace(column, unit="deg/s") for column in parts[1][-3:] if column]
+    velocities = tuple(_source("velocity", c) if c else None for c in parts[1])
+    positions = tuple(_source("position", c) for c in parts[0] if c)
     if vehicle is not None and vehicle.euler is not None:
         angles = [replace(column, unit=vehicle.euler_unit) for column in parts[0][-3:]]
         positions = (*positions[:-3], *(_source("position", c, angle=True) for c in angles))
     scales = [mapping.factors.of("command", name) for name in robot.joints]
     commands = tuple(
-        _source("command", c, scale=scale) for c, scale in zip(parts[2], scales, strict=True)
+        _source("command", c, scale=scale) for c, scale in zip(parts[2], scales, strict=True) if c
     )
-    made = Layout(positions, velocities, commands, vehicle=vehicle, assumed=assumed)
-    return _existing(made, channels)
+    felt = (vehicle.acceleration if vehicle else None) or ()
+    specific = tuple(_source("velocity", _signed(name, channels)) for name in felt)
+    more = {"vehicle": vehicle, "specific": specific, "assumed": assumed}
+    return _existing(Layout(positions, velocities, commands, **more), channels)
 
 
 def _signed(name: str, channels: Sequence[str]) -> ColumnMap:
@@ -382,26 +398,44 @@ def _relative(command: ColumnMap, robot: RobotModel) -> ColumnMap:
     return replace(command, ratio=1 / robot.top_speed)
 
 
-def _check_vehicle(vehicle: Vehicle, m: int, n: int) -> None:
-    """Checks that a map has the parts that a system with such coordinates needs."""
-    remedy = "A body in space needs position, quaternion or euler, linear and angular, and may do "
-    remedy += "without position or without velocities; in the plane, x, y and heading as position, "
-    remedy += "and surge, sway and yaw rate as linear."
+def _check_vehicle(vehicle: Vehicle, m: int, n: int, idle: Sequence[str]) -> None:
+    """Checks that a map has the parts that a system with such coordinates needs.
+
+    `idle` are the actuators without an entry.
+    """
     if (m, n) not in ((7, 6), (3, 3)):
         expected = "a single body in space or in the plane"
+        remedy = "Identify it from a log of a run of ours, or without its arm."
         raise InvalidInput("map: vehicle", expected, f"{m} positions of the system", remedy)
-    turns = (vehicle.quaternion is not None) + (vehicle.euler is not None)
-    if turns != (m == 7):
-        got = ("no quaternion" if turns == 0 else "both") if m == 7 else "a quaternion"
-        raise InvalidInput("map: vehicle", f"the pose of a system of {n} velocities", got, remedy)
-    if vehicle.position is None and (m == 3 or vehicle.linear is None):
-        got = "neither position nor linear velocity" if m == 7 else "no position"
-        raise InvalidInput("map: vehicle", "a motion", got, remedy)
-    if m == 7 and (vehicle.linear is None) != (vehicle.angular is None):
-        got = "only one of them"
-        raise InvalidInput("map: vehicle", "linear and angular velocity, or neither", got, remedy)
-    if m == 3 and vehicle.angular is not None:
-        raise InvalidInput("map: vehicle", "no angular velocity in the plane", "one", remedy)
+    given = {key for key in _PARTS if getattr(vehicle, key) is not None}
+    both = ("quaternion and euler",) if {"quaternion", "euler"} <= given else ()
+    if m == 3:
+        lacking = ["position (x, y, heading)"] if "position" not in given else []
+        excess = sorted(given - {"position", "linear"})
+        remedy = "In the plane give x, y and heading as position, and surge, sway and yaw rate as "
+        remedy += "linear, or leave that out to differentiate the position."
+    else:
+        lacking = [] if given & {"quaternion", "euler"} else ["quaternion or euler"]
+        excess = [*both]
+        if {"position", "linear"} & given:
+            excess += sorted({"depth", "acceleration"} & given)
+        remedy = "A body in space needs its orientation, as quaternion or euler, and the commands. "
+        remedy += "Angular velocity and linear velocity are differentiated where they are left out."
+        remedy += " Without position and linear its rotation alone is identified, with depth or "
+        remedy += "acceleration also the motions that they tell."
+    where = "map: vehicle"
+    expected = f"a motion of {n} velocities"
+    if idle and not lacking and not excess:
+        where = "map: actuators"
+        expected = "one entry for each actuator"
+        remedy = "Give the column of each command, such as `thruster_1 = { column = … }`."
+    lacking += [f"actuators {', '.join(idle)}"] if idle else []
+    if lacking or excess:
+        got = [*(f"no {name}" for name in lacking), *excess]
+        raise InvalidInput(where, expected, ", ".join(got), remedy)
+
+
+_PARTS = ("position", "quaternion", "euler", "linear", "angular", "depth", "acceleration")
 
 
 def _pose(vehicle: Vehicle, raw: Array) -> Array:
@@ -410,8 +444,12 @@ def _pose(vehicle: Vehicle, raw: Array) -> Array:
     if vehicle.quaternion is None and vehicle.euler is None:
         x, y, heading = raw.T
         return np.column_stack([y, x, np.pi / 2 - heading]) if ned else raw
-    count = 0 if vehicle.position is None else 3
-    places = raw[:, :3] if count else np.zeros((len(raw), 3))
+    count = len(vehicle.place)
+    places = np.zeros((len(raw), 3))
+    if vehicle.position is not None:
+        places = raw[:, :3]
+    elif count:
+        places[:, 2] = raw[:, 0] if ned else -raw[:, 0]
     if vehicle.quaternion is None:  # roll, pitch and yaw
         turns = Rotation.from_euler("ZYX", raw[:, count:][:, ::-1])
     else:

@@ -379,10 +379,15 @@ class Vehicle:
     # body's, yaw first
     euler: Three | None = None
     euler_unit: Literal["deg", "rad"] = "deg"
-    # velocity; None to differentiate the pose. In the plane: surge, sway, yaw rate
+    # velocity; None to differentiate the position. In the plane: surge, sway, yaw rate
     linear: Three | None = None
-    # velocity in the body's axes [rad/s]; None to differentiate the pose
+    # velocity in the body's axes [rad/s]; None to differentiate the orientation
     angular: Three | None = None
+    # of a vehicle in space whose position and linear velocity are not measured, if it has them:
+    # its depth [m], and its specific force along the body's axes at the origin [m/s²], as an
+    # accelerometer measures it: at rest 9.81 upwards
+    depth: Name | None = None
+    acceleration: Three | None = None
     angular_unit: Literal["rad/s", "deg/s"] = "rad/s"
     order: Literal["xyzw", "wxyz"] = "xyzw"  # order of the quaternion's columns
     inverse: Flag = False  # whether the orientation is that of the world in the body's axes
@@ -393,14 +398,25 @@ class Vehicle:
     twist: Literal["body", "world"] = "body"
 
     @property
+    def turns_only(self) -> bool:
+        """Whether neither position nor linear velocity is measured."""
+        return self.position is None and self.linear is None
+
+    @property
+    def place(self) -> tuple[str, ...]:
+        """Columns of the position, or of the depth."""
+        return self.position or ((self.depth,) if self.depth else ())
+
+    @property
     def pose(self) -> tuple[str, ...]:
         """Columns of the pose."""
-        return (*(self.position or ()), *(self.quaternion or self.euler or ()))
+        return (*self.place, *(self.quaternion or self.euler or ()))
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Columns of the pose and the twist."""
-        return (*self.pose, *(self.linear or ()), *(self.angular or ()))
+        """Columns of the pose, the twist and the specific force."""
+        twist = (*(self.linear or ()), *(self.angular or ()))
+        return (*self.pose, *twist, *(self.acceleration or ()))
 
 
 @config

@@ -155,9 +155,16 @@ class _Parts(NamedTuple):
 
 
 def phases(
-    log: Log, source: str, robot: RobotModel, events: Sequence[Event], detect: bool = True
+    log: Log,
+    source: str,
+    robot: RobotModel,
+    events: Sequence[Event],
+    detect: bool = True,
+    first_measured: int = 0,
 ) -> list[LogPhase]:
     """The phases of a stretch of a log without gaps, in order of time.
+
+    Of a vehicle whose velocities before `first_measured` are not measured, the others tell them.
 
     Those of a tree of joints, whose rows at rest are left out joint by joint, follow from events
     alone; so do those of a vehicle unless they are to be found from its signals (`detect`).
@@ -168,7 +175,8 @@ def phases(
     kinds = np.full(len(first), "moving", dtype=object)
     reasons: dict[str, str] = {}
     if detect and robot.prior is not None and len(first) >= 3 * _WINDOW:
-        kinds, reasons = _by_signals(_parts(log, robot, first, _noises(log, step, width)))
+        noise = _noises(log, step, width)
+        kinds, reasons = _by_signals(_parts(log, robot, first, noise, first_measured))
     for event in events:
         inside = (log.t[first] < event.end) & (log.t[first] + _PART > event.start)
         kinds[inside] = event.kind
@@ -206,12 +214,14 @@ def _noises(log: Log, step: float, width: int) -> Array:
     return np.quantile(np.array(every), 0.2, axis=0) / np.sqrt(width)
 
 
-def _parts(log: Log, robot: RobotModel, first: np.ndarray, noise: Array) -> _Parts:
+def _parts(
+    log: Log, robot: RobotModel, first: np.ndarray, noise: Array, first_measured: int
+) -> _Parts:
     """The parts of a vehicle's log, with forces by its published values."""
     system = robot.system
     counts = np.diff([*first, len(log.t)])[:, None]
     v, u, t = (np.add.reduceat(x, first) / counts for x in (log.v, log.u, log.t[:, None]))
-    units = dict.fromkeys(system.velocity_units)
+    units = dict.fromkeys(system.velocity_units[first_measured:])
     groups = np.array([[float(own == unit) for own in system.velocity_units] for unit in units])
     speed = np.sqrt(v**2 @ groups.T)
     least = np.quantile(speed, _FAST, axis=0)
@@ -238,7 +248,7 @@ def _parts(log: Log, robot: RobotModel, first: np.ndarray, noise: Array) -> _Par
     calm = np.all(speed < least, axis=1)
     slow = np.all(speed < _DRIFTS * least, axis=1)
     missing = W @ robot.prior
-    net = float(np.median(weight))
+    net = 0.0 if first_measured else float(np.median(weight))  # nothing tells what carries it
     return _Parts(first, v, still, calm, slow, force, missing, groups, net)
 
 

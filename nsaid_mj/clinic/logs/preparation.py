@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...base import Finding
-from ...core import Array, Log
+from ...core import Array, Log, velocity_labels
 from ...robots import RobotModel
 from . import signals
 from .causes import gross_clock
@@ -232,16 +232,14 @@ def _segments(
     reference = log.reference
     # the weight of a robot that stands still is told by the joints at rest
     drop_rest = robot.jointed and mapping.drop_rest and made.imu is None
-    if any(velocity is None for velocity in made.velocities):
-        text = f"velocities are derived from positions up to {signals.bandwidth(rate):g} Hz"
-        missing = [j for j, v in zip(robot.leaders, made.velocities, strict=False) if v is None]
-        findings.append(Finding("note", "differentiated", source, text, data={"joints": missing}))
+    findings += _differentiated(made, robot, rate, source)
     seen: list[LogPhase] = []
     for start, end in _stretches(log, findings, short):
         first = reference.t[np.searchsorted(reference.t, start)]
         grid = first + np.arange(int((end - first) * rate + 1e-6) + 1) / rate
         own = _log(grid, log, mapping.hold, rate)
-        seen += phases(own, source, robot, log.events, mapping.phases.detect)
+        first = 3 if made.turns_only else 0
+        seen += phases(own, source, robot, log.events, mapping.phases.detect, first)
     logs = []
     for phase in seen:
         if phase.used and phase.seconds >= SHORTEST:
@@ -278,34 +276,50 @@ def _segments(
             findings += cut_rest(log, grid, kept)
         if kept.stop > kept.start:
             rows = rows_of(reference, grid[kept.start], grid[kept.stop - 1])
-            part = own.part(kept.start, kept.stop)
-            imu = None if made.imu is None else _imu(part.t, log, made.imu, findings)
-            segments.append(LogSegment(part, usable[kept], source, rows, imu))
+            moved = own.part(kept.start, kept.stop)
+            imu = None if made.imu is None else _imu(moved.t, log, made.imu, findings)
+            felt = _felt(log, moved.t)
+            segments.append(LogSegment(moved, usable[kept], source, rows, imu, felt))
     if segments and drop_rest:
         findings.append(limits_stated(source, segments, limits, robot.joints))
     return segments, seen
 
 
+def _differentiated(made: Layout, robot: RobotModel, rate: float, source: str) -> list[Finding]:
+    """A note of the velocities that the log does not have, but its positions."""
+    names = robot.leaders if robot.jointed else velocity_labels(robot.system)
+    missing = [j for j, v in zip(names, made.velocities, strict=False) if v is None]
+    if made.turns_only:
+        missing = missing[3:]
+    if not missing:
+        return []
+    text = f"velocities are derived from positions up to {signals.bandwidth(rate):g} Hz"
+    return [Finding("note", "differentiated", source, text, data={"joints": missing})]
+
+
+def _felt(log: Cleaned, grid: Array) -> Array | None:
+    """(N, 3) specific force of a vehicle on a grid; None if it is not measured."""
+    made = log.made
+    return made.force(_on_grid(log, grid, made.specific)) if made.specific else None
+
+
 def _log(grid: Array, log: Cleaned, hold: bool, rate: float) -> Log:
     """q, v and u on a grid."""
     made = log.made
-
-    def on_grid(sources: Sequence[ChannelSource | None], held: bool = False) -> Array:
-        return np.column_stack(
-            [signals.resample(log.of(s), grid, held) if s else 0.0 * grid for s in sources]
-        )
-
-    q_raw = on_grid(made.positions)
+    q_raw = _on_grid(log, grid, made.positions)
     q = made.q(q_raw)
-    if made.vehicle is not None and made.velocities[0] is None:
-        v = signals.low_pass(pose_velocity(q, rate), signals.bandwidth(rate) / (0.5 * rate))
+    v_raw = _on_grid(log, grid, made.velocities)
+    none = [source is None for source in made.velocities]
+    if made.vehicle is not None:
+        v = made.v(v_raw, q)
+        if any(none):
+            derived = pose_velocity(q, rate)[:, none]
+            v[:, none] = signals.low_pass(derived, signals.bandwidth(rate) / (0.5 * rate))
     else:
-        v_raw = on_grid(made.velocities)
-        none = [source is None for source in made.velocities]
         if any(none):
             v_raw[:, none] = signals.derivative(q_raw[:, none], rate)
         v = made.v(v_raw, q)
-    u = _by_pd(grid, log, q, v) if made.pd else made.u(on_grid(made.commands, hold))
+    u = _by_pd(grid, log, q, v) if made.pd else made.u(_on_grid(log, grid, made.commands, hold))
     return Log(grid, made.placed(q, v, rate), v, u)
 
 
@@ -315,6 +329,15 @@ def _imu(grid: Array, log: Cleaned, imu: ImuColumns, findings: list[Finding]) ->
     readings, said = read_imu(imu, np.column_stack(raw))
     findings += [finding for finding in said if finding not in findings]
     return readings
+
+
+def _on_grid(
+    log: Cleaned, grid: Array, sources: Sequence[ChannelSource | None], held: bool = False
+) -> Array:
+    """(N, k) scaled values of sources on a grid, 0 without a source."""
+    return np.column_stack(
+        [signals.resample(log.of(s), grid, held) if s else 0.0 * grid for s in sources]
+    )
 
 
 def _by_pd(grid: Array, log: Cleaned, q: Array, v: Array) -> Array:

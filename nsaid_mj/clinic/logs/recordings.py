@@ -28,6 +28,8 @@ class LogSegment(NamedTuple):
     # (N, 10) of a walking robot's IMU: orientation x, y, z, w, angular velocity [rad/s] and specific
     # force [m/s²] along the IMU's own axes; None of a robot on a fixed base
     imu: NDArray[np.float64] | None = None
+    # (N, 3) specific force of a vehicle along its axes [m/s²]; None if it is not measured or needed
+    specific: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,11 @@ class Recordings:
     feedback: NDArray[np.float64] | None = None
     imu: Imu | None = None  # how the IMU of a walking robot was read; None on a fixed base
     contacts: Contacts = field(default_factory=Contacts)  # feet of such a robot
+
+    @property
+    def turns_only(self) -> bool:
+        """Whether the rows are those of a vehicle's rotation alone: no translation is measured."""
+        return self.vehicle is not None and self.vehicle.turns_only
 
     def driven(self, robot: RobotModel) -> list[int]:
         """Numbers of the joints with a motor, from 0.

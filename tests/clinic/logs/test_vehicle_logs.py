@@ -137,13 +137,21 @@ def test_what_a_vehicles_map_lacks_is_named(quadrotor):
         prepare(tables, None, quadrotor)
     with pytest.raises(InvalidInput, match="no quaternion"):
         prepare(tables, vehicle_map(quadrotor, quaternion=None), quadrotor)
-    with pytest.raises(InvalidInput, match="linear and angular"):
+    with pytest.raises(InvalidInput, match="v0, v1, v2"):
         prepare(tables, vehicle_map(quadrotor, linear=["v0", "v1", "v2"]), quadrotor)
     lacking = map_of(
         {"vehicle": {"position": ["p0", "p1", "p2"], "quaternion": ["a0", "a1", "a2", "a3"]}}
     )
     with pytest.raises(InvalidInput, match="actuators"):
         prepare(tables, lacking, quadrotor)
+
+
+@pytest.mark.parametrize("given", ["linear", "angular"])
+def test_the_velocity_that_a_log_lacks_is_derived(quadrotor, given):
+    parts = {"linear": named("v", BODY), "angular": named("w", np.tile(SPIN, (len(T), 1)))}
+    columns = named("p", POSITION) | named("a", TURN.as_quat()) | parts[given]
+    mapping = vehicle_map(quadrotor, **{given: TWIST[given]})
+    assert_ours(prepare([table(columns, quadrotor)], mapping, quadrotor), tolerance=5e-3)
 
 
 def _ardusub_table(robot: RobotModel, directions: dict[int, float]) -> tuple[LogTable, np.ndarray]:

@@ -16,6 +16,7 @@ from ..fit import inflation, minimise, tempered, tempered_fit
 from ..problem import FitProblem
 from ..residuals import Suspect
 from ..result import JointStructure, Options, Structured
+from ..translation import Completed, completed, stated
 from ..unmodelled_effects import command_suspects
 from ..vehicles import VehicleRows
 from .clocks import clock_offset
@@ -61,6 +62,12 @@ def structured_vehicle(
     is called with the name of every stage.
     """
     report("filtering")
+    measured = recordings
+    whole: Completed | None = None
+    if measured.turns_only:
+        assert robot.prior is not None  # every vehicle has one
+        whole = completed(robot.system, robot.prior, measured)
+        recordings = whole.recordings
     rows = VehicleRows(robot, recordings, filter_for(recordings, options.cutoff))
     columns = (options.columns or frozenset()) & frozenset(EXTRA)
     trials = [rows] if options.cutoff is not None else _narrower(rows)
@@ -77,14 +84,24 @@ def structured_vehicle(
         report("choosing the thrusters' curve")
         timed = _curved(rows, columns, timed, options.delay, report)
         timing = timed.timing
+    if whole is not None:  # again, by what the log says of actuators and inertia
+        theta = minimise(rows.problem(columns, timing)).theta[: robot.system.p]
+        whole = completed(
+            robot.system, theta, measured, lambda u: rows.acting_on_sheet(u, measured.rate, timing)
+        )
+        rows = VehicleRows(robot, whole.recordings, rows.chosen)
     findings = list(timed.findings)
-    if options.columns is None:
+    findings += stated(robot, whole) if whole is not None else []
+    if options.columns is None and whole is None:  # a velocity that is not measured looks like them
         report("choosing columns")
         columns, notes = _richer(rows, timing)
         findings.extend(notes)
     problem = rows.problem(columns, timing)
     checked = None
     if validation is not None:
+        if validation.turns_only:
+            assert robot.prior is not None
+            validation = completed(robot.system, robot.prior, validation).recordings
         filters = filter_for(validation, rows.chosen.cutoff)
         checked = VehicleRows(robot, validation, filters).problem(columns, timing)
     at = problem.space.actuators
@@ -104,7 +121,7 @@ def structured_vehicle(
     }
     return Structured(
         problem,
-        _alternatives(rows, columns, timing, timed.others),
+        _alternatives(rows, columns, timing, timed.others, whole.plain if whole else None),
         checked,
         tuple(JointStructure(name, **parts) for name in rate_labels(rows.system)),
         tuple(findings),
@@ -244,9 +261,18 @@ def _most_informative(
 
 
 def _alternatives(
-    rows: VehicleRows, columns: frozenset[str], timing: Timing, others: list[Timing]
+    rows: VehicleRows,
+    columns: frozenset[str],
+    timing: Timing,
+    others: list[Timing],
+    plain: Recordings | None,
 ) -> Iterator[FitProblem]:
-    """Other plausible problems: without further columns, at other timings, of a narrower filter."""
+    """Other plausible problems: without further columns, at other timings, of a narrower filter.
+
+    And of `plain` recordings, without what the sheet completes of a log of a rotation.
+    """
+    if plain is not None:
+        yield VehicleRows(rows.robot, plain, rows.chosen).problem(columns, timing)
     if columns:
         yield rows.problem(frozenset(), timing)
     for other in others:
