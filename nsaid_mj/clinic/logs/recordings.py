@@ -41,6 +41,7 @@ class Recordings:
     # (2, n) gains of the measured positions and velocities in the commands, of motors under a PD
     # law: they act at once, while what else the commands hold may act late; None without feedback
     feedback: NDArray[np.float64] | None = None
+    filled: int = 1  # rows per measured one: more where splines lie between these
 
     def driven(self, robot: RobotModel) -> list[int]:
         """Numbers of the joints with a motor, from 0.
