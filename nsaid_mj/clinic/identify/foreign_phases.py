@@ -283,8 +283,10 @@ def _part(segment: LogSegment, a: int, b: int) -> LogSegment:
     first, last = segment.rows
     every = (last - first) / max(len(segment.log.t) - 1, 1)
     rows = (round(first + a * every), round(first + (b - 1) * every))
+    imu = None if segment.imu is None else segment.imu[a:b]
     felt = None if segment.specific is None else segment.specific[a:b]
-    return LogSegment(segment.log.part(a, b), segment.usable[a:b], segment.source, rows, felt)
+    log = segment.log.part(a, b)
+    return LogSegment(log, segment.usable[a:b], segment.source, rows, imu, felt)
 
 
 def _divided(phases: Sequence[LogPhase], source: str, foreign: ForeignPhase) -> list[LogPhase]:

@@ -60,11 +60,19 @@ class Suspect(NamedTuple):
     # (N, n, c) the same computed from the other of motion and commands; None if there is no other
     other: Array | None = None
     most: float = np.inf  # largest |γ| of the first column that can be
+    least: float = 0.0  # smallest γ for which a column holds that was computed at γ = 1
+    part: str = ""  # of the joint that has the effect: of one part, one effect is named
+
+    @property
+    def cause(self) -> tuple[str, str]:
+        """What it has in common with suspects of which only one is named."""
+        return self.part or self.words, self.where
 
     def possible(self, coefficients: Array) -> bool:
-        """Whether its coefficients γ (c,) can be: of the right sign, and not too large."""
+        """Whether its coefficients γ (c,) can be: of the right sign and size."""
         first = coefficients[0]
-        return bool(abs(first) <= self.most and (self.size is None or first > 0))
+        sign = self.size is None or first > 0
+        return bool(sign and self.least <= abs(first) <= self.most)
 
     def thinned(self, rows: Indices) -> Suspect:
         """The suspect in some of the rows."""
@@ -104,6 +112,7 @@ def followed(
     left = [(s, [own.outside(s, s)]) for s in (suspect.thinned(thin) for suspect in suspects)]
     level = _CHANCE / max(len(left), 1)
     entered: list[tuple[Suspect, float, Array]] = []
+    whole = np.where(own.power > 0, own.power, 1.0)
     while left and len(entered) < _MOST:
         trials = [_trial(copies, *each) for each in left]
         beyond = [trial.beyond(level) for trial in trials]
@@ -126,12 +135,11 @@ def followed(
         before = own.power
         for copy, basis in zip(copies, bases, strict=True):
             copy.residual = _outside(copy.residual, basis)
-        explained = np.where(before > 0, 1 - own.power / np.where(before > 0, before, 1.0), 0.0)
-        entered.append((suspect, beyond[best], explained))
+        entered.append((suspect, beyond[best], (before - own.power) / whole))
         left = [  # other sizes or places of the encoder of the same effect are not tried
             (s, [_outside(*pair) for pair in zip(rest, bases, strict=True)])
             for s, rest in left
-            if s[:2] != suspect[:2]
+            if s.cause != suspect.cause
         ]
     found = []
     if not entered:

@@ -43,11 +43,18 @@ class Filter(NamedTuple):
     every: int  # samples of the recordings per computed regressor
     least: int = 1  # computed regressors per row of the fit, at least
     differentiate: bool = False  # whether velocities are derivatives of positions
+    quiet: float = 0.0  # frequency up to which velocities have little noise [Hz]
 
     @property
     def smoothing(self) -> float:
-        """Cut-off of the zero-phase filter on positions, velocities and commands [Hz]."""
-        return min(_WIDER * self.cutoff, 0.4 * self.rate)
+        """Cut-off of the zero-phase filter on positions, velocities and commands [Hz].
+
+        Where the sensors are quiet it is as wide as the regressors' rate allows: dry friction
+        changes within milliseconds, and a velocity that passes zero more slowly than the joint does
+        leaves residuals that look like a lag or a yielding gear.
+        """
+        widest = min(self.quiet, 0.4 * self.rate / self.every)
+        return min(max(_WIDER * self.cutoff, widest), 0.4 * self.rate)
 
     def low_pass(self, x: Array) -> Array:
         """x (N, ·) through the zero-phase smoothing filter."""
@@ -99,7 +106,8 @@ def refined(recordings: Recordings) -> Recordings:
         spline = scipy.interpolate.make_interp_spline
         q, v, u = (spline(log.t, x, 5)(t) for x in (log.q, log.v, log.u))
         segments.append(segment._replace(log=Log(t, q, v, u), usable=segment.usable[near]))
-    return replace(recordings, segments=tuple(segments), rate=times * recordings.rate)
+    rate = times * recordings.rate
+    return replace(recordings, segments=tuple(segments), rate=rate, filled=times)
 
 
 def twice_as_noisy(recordings: Recordings) -> Recordings:

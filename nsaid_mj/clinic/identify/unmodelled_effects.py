@@ -32,6 +32,8 @@ UNITS = ("mrad", "mm")
 _LARGEST = 0.99  # quantile of a joint's torques
 _SMALL = 0.1  # of the rms force: below it the inverse force of a dead zone stays constant
 PLAYS = (0.002, 0.006, 0.02)  # of gears [rad or m], with which free links are simulated
+_APART = 3.0  # size found over the simulated one: how often and how fast a link crosses its play
+# depends on the play, so that a column says nothing of quite another one
 
 
 def arm_suspects(
@@ -89,6 +91,7 @@ def arm_suspects(
                 remedy,
                 lambda x, load=largest, kind=kind: _yielding(x, load, kind),
                 most=MOST["twist"][kind] / max(largest, 1e-300),
+                part="gear",
             )
         remedy = "Its gear has play: tighten it, or keep its load to one side."
         for play, columns in zip(PLAYS, plays, strict=True):
@@ -98,7 +101,9 @@ def arm_suspects(
                 columns,
                 remedy,
                 lambda x, play=play, kind=kind: f"about {1e3 * x * play:.2g} {UNITS[kind]}",
-                most=MOST["backlash"][kind] / play,
+                most=min(MOST["backlash"][kind] / play, _APART),
+                least=0.0 if play == PLAYS[0] else 1 / _APART,
+                part="gear",
             )
 
 
@@ -169,6 +174,7 @@ def _changes(model: pin.Model, motion: Smooth) -> Iterator[Array]:
     needed = torques / np.maximum(own, 1e-12)  # of no mass
     for play in PLAYS:
         twist = _between_flanks(motion.t, needed, play)
+        twist -= twist.mean(axis=0)  # a link that stays on one side has another zero, no play
         rate = np.gradient(twist, motion.t, axis=0)
         yield -_moved(slopes, (twist, rate, np.gradient(rate, motion.t, axis=0)))
 

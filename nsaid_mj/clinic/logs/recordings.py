@@ -48,6 +48,7 @@ class Recordings:
     feedback: NDArray[np.float64] | None = None
     imu: Imu | None = None  # how the IMU of a walking robot was read; None on a fixed base
     contacts: Contacts = field(default_factory=Contacts)  # feet of such a robot
+    filled: int = 1  # rows per measured one: more where splines lie between these
 
     @property
     def turns_only(self) -> bool:

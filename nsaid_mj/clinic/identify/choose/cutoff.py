@@ -14,6 +14,7 @@ import scipy
 from ....core import Array, Log
 from ...logs.recordings import Recordings
 from ..smoothing import Filter, noise_levels
+from .columns import SPEEDS
 
 NARROWER = 0.6
 """Another plausible cut-off over the chosen one."""
@@ -29,6 +30,8 @@ _LOWEST = 3.0  # cut-offs of the rows' filter [Hz]
 _HIGHEST = 20.0
 _SAMPLES = 10  # regressors computed per period of the rows' cut-off
 _FAST = 100.0  # and per second, at least: friction's steps are not band-limited [Hz]
+_SLOW = 0.5 * SPEEDS[0]  # the slowest speed of friction is not blurred [rad/s or m/s]
+_LEAST = 1e-9  # noise of a sensor [rad, m, rad/s or m/s]
 _MOST_ROWS = 20_000  # of a fit: of an hour, thinned ones determine all that its length can
 
 
@@ -47,12 +50,27 @@ def filter_for(recordings: Recordings, cutoff: float | None = None) -> Filter:
     least = max(1, int(np.ceil(computed / _MOST_ROWS)))
     log = _longest(recordings)
     derived = False
+    quiet = 0.0
     if log.q.shape[1] == log.v.shape[1]:
         # drives often report filtered velocities, delayed relative to the positions: they are used
         # only if the positions' derivative has more than three times their noise
         position, velocity = noise_levels(log)
         derived = bool(position * 2 * np.pi * cutoff / np.sqrt(3) <= 3 * velocity + 1e-12)
-    return Filter(cutoff, rate, every, least, derived)
+        measured = Log(*(x[:: recordings.filled] for x in log))
+        quiet = _quiet(measured, rate / recordings.filled, derived)
+    return Filter(cutoff, rate, every, least, derived, quiet)
+
+
+def _quiet(log: Log, rate: float, derived: bool) -> float:
+    """Frequency [Hz] up to which noise makes velocities of an rms of `_SLOW`.
+
+    White noise of variance σ² has the density 2 σ²/rate; in the derivative it grows with (2π f)².
+    """
+    position, velocity = noise_levels(log)
+    if derived:
+        power = max(position, _LEAST) ** 2 / rate
+        return float(np.cbrt(3 * _SLOW**2 / (8 * np.pi**2 * power)))
+    return _SLOW**2 * rate / (2 * max(velocity, _LEAST) ** 2)
 
 
 def trials(recordings: Recordings) -> list[float]:
