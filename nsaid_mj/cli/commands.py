@@ -132,6 +132,13 @@ def _command(arguments: Sequence[str]) -> int:
         return compare_on_logs(grammar.parse_comparison(arguments[1:]))
     chosen = grammar.parse(["--want" if a == "--for" else a for a in arguments])
     if isinstance(chosen, grammar.Verify):
+        if chosen.run is None:
+            raise InvalidInput(
+                "verify",
+                "a scenario's name, or --run with a folder",
+                "neither",
+                "Such as `nsaid verify scalar_rov`, or `nsaid verify --run runs/ur5-paper`.",
+            )
         record_file(chosen.run)
         from ..lab import verify_folder
 

@@ -4,7 +4,7 @@ Nothing heavy is imported here, so that `nsaid --help` is fast.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Union
 
@@ -15,29 +15,42 @@ from ..base import with_homes
 from .grammar_of_studies import (
     Compare,
     CompareModels,
+    File,
+    Files,
+    Folder,
+    Model,
     MonteCarlo,
+    Names,
+    Number,
     Report,
     ScenarioName,
     Sweep,
+    Switch,
     Track,
+    Words,
 )
+
+
+_MODELS = {".urdf", ".xml", ".mjb"}
+"""Endings of model files; a TOML file may be a map."""
 
 
 @dataclass(frozen=True)
 class Identify:
     """Identify a robot's parameters from its own log.
 
-    `nsaid identify --model arm.urdf --log log.csv` writes the parameters with intervals, the
+    `nsaid identify log.csv --model arm.urdf` writes the parameters with intervals, the
     unidentifiable ones, a report, a recording, and the model file with identified values. `nsaid
     identify tx40` uses a packed log of a real arm. From an MJCF with position servos and a log of
     their targets instead of torques, it identifies kp, kv, armature, friction and delay of every
     servo, and writes them into the MJCF; `nsaid identify so101` uses such a log.
 
     Attributes:
-        packed: a packed robot with a log: tx40 or so101.
+        logs: log files or folders of them; CSV, JSON, Parquet, Arrow, npz, mat, a run's folder, ROS
+            bag, MCAP, ULog, DataFlash, LeRobot dataset, Rerun recording; or tx40 or so101 for a
+            packed log.
+        log: the same as LOG.
         model: URDF, MJCF or vehicle's TOML file; name of a packed robot or vehicle.
-        log: log files or folders of them; CSV, JSON, Parquet, Arrow, npz, mat, a run's folder, ROS
-            bag, MCAP, ULog, DataFlash, LeRobot dataset, Rerun recording.
         validate: log files on which the estimate is judged; they take no part in the fit.
         map: TOML file with the meaning of columns; `nsaid inspect` writes a first one.
         validate_map: that of the logs of --validate; by default --map.
@@ -62,26 +75,26 @@ class Identify:
         quiet: print only errors.
     """
 
-    packed: Annotated[Positional[str | None], arg(metavar="ROBOT")] = None
-    model: Annotated[str | None, arg(metavar="FILE_OR_NAME")] = None
-    log: Annotated[tuple[Path, ...], arg(metavar="FILE…")] = ()
-    validate: Annotated[tuple[Path, ...], arg(metavar="FILE…")] = ()
-    map: Path | None = None
-    validate_map: Path | None = None
+    logs: Annotated[Positional[tuple[Path, ...]], arg(metavar="LOG…", help_behavior_hint="")] = ()
+    model: Model = None
+    log: Files = ()
+    validate: Files = ()
+    map: File = None
+    validate_map: File = None
     known: UseAppendAction[tuple[Annotated[str, arg(metavar="NAME=VALUE")], ...]] = ()
     load: UseAppendAction[tuple[Annotated[str, arg(metavar="FILE:MASSkg@LINK")], ...]] = ()
-    lock: str = ""
-    joints: str = ""
+    lock: Names = ""
+    joints: Names = ""
     columns: str = "auto"
     delay: str = "auto"
-    cutoff: float | None = None
-    fix: bool = False
+    cutoff: Number = None
+    fix: Switch = False
     law: str = "batch"
     limit: float = 4.0
-    out: Path | None = None
-    force: bool = False
-    json: bool = False
-    quiet: bool = False
+    out: Folder = None
+    force: Switch = False
+    json: Switch = False
+    quiet: Switch = False
 
 
 @dataclass(frozen=True)
@@ -96,6 +109,7 @@ class Inspect:
         logs: log files or folders of them; CSV, JSON, Parquet, Arrow, npz, mat, a run's folder, ROS
             bag, MCAP, ULog, DataFlash, LeRobot dataset, Rerun recording; or tx40 or so101 for a
             packed log.
+        log: the same as LOG.
         model: URDF, MJCF or vehicle's TOML file; name of a packed robot or vehicle.
         map: TOML file with the meaning of columns; by default they are matched by name.
         lock: comma-separated joints that do not move.
@@ -107,15 +121,16 @@ class Inspect:
         json: print figures and findings as JSON.
     """
 
-    logs: Annotated[Positional[tuple[Path, ...]], arg(metavar="LOG…")] = ()
-    model: Annotated[str | None, arg(metavar="FILE_OR_NAME")] = None
-    map: Path | None = None
-    lock: str = ""
-    joints: str = ""
-    fix: bool = False
+    logs: Annotated[Positional[tuple[Path, ...]], arg(metavar="LOG…", help_behavior_hint="")] = ()
+    model: Model = None
+    log: Files = ()
+    map: File = None
+    lock: Names = ""
+    joints: Names = ""
+    fix: Switch = False
     limit: float = 4.0
     out: Path = Path()
-    json: bool = False
+    json: Switch = False
 
 
 @dataclass(frozen=True)
@@ -143,19 +158,21 @@ class Excite:
         quiet: print only errors.
     """
 
-    scenario: Annotated[Positional[str], arg(metavar="NAME_OR_FILE")] = ""
-    model: Annotated[str | None, arg(metavar="FILE_OR_NAME")] = None
+    scenario: Annotated[
+        Positional[str], arg(metavar="NAME_OR_FILE", help_behavior_hint="")
+    ] = ""
+    model: Model = None
     duration: float = 20.0
     want: Annotated[str, arg(metavar="gains|all|NAMES")] = "gains"
-    limits: Annotated[Path | None, arg(metavar="FILE")] = None
+    limits: File = None
     criterion: str = "bound"
-    noise: str | None = None
+    noise: Words = None
     seed: int = 0
     effort: float = 1.0
-    out: Path | None = None
-    force: bool = False
-    json: bool = False
-    quiet: bool = False
+    out: Folder = None
+    force: Switch = False
+    json: Switch = False
+    quiet: Switch = False
 
 
 @dataclass(frozen=True)
@@ -190,20 +207,20 @@ class Live:
     model: Annotated[str, arg(metavar="FILE_OR_NAME")]
     law: str = "efficient"
     rate: float = 500.0
-    udp: Annotated[int | None, arg(metavar="PORT")] = None
+    udp: Annotated[int | None, arg(metavar="PORT", help_behavior_hint="")] = None
     frame: str = "ENU/FLU"
     position_noise: float = 1e-4
     velocity_noise: float = 5e-3
     prior_error: float = 1.0
-    gain: float | None = None
-    lock: str = ""
-    joints: str = ""
-    every: float | None = None
-    view: bool = False
-    out: Path | None = None
-    force: bool = False
-    json: bool = False
-    quiet: bool = False
+    gain: Number = None
+    lock: Names = ""
+    joints: Names = ""
+    every: Number = None
+    view: Switch = False
+    out: Folder = None
+    force: Switch = False
+    json: Switch = False
+    quiet: Switch = False
 
 
 @dataclass(frozen=True)
@@ -226,11 +243,11 @@ class RunOptions:
         live_speed: speed of --live relative to real time; 0 for as fast as possible.
     """
 
-    out: Path | None = None
-    force: bool = False
-    quiet: bool = False
-    json: bool = False
-    live: bool = False
+    out: Folder = None
+    force: Switch = False
+    quiet: Switch = False
+    json: Switch = False
+    live: Switch = False
     live_speed: Annotated[float, arg(metavar="FACTOR")] = 1.0
     scenario: ScenarioName = field(kw_only=True)
 
@@ -239,18 +256,18 @@ class RunOptions:
 class Verify:
     """Check the paper's statements on a run.
 
-    `nsaid verify NAME_OR_FILE` takes the flags of `nsaid run` and runs the scenario first;
-    `nsaid verify --run FOLDER` reads the record of an earlier run.
+    `nsaid verify NAME_OR_FILE` takes the flags of `nsaid run` and runs the scenario first; `nsaid
+    verify --run FOLDER` reads the record of an earlier run.
 
     Attributes:
-        run: folder of the run to check.
+        run: folder of an earlier run, in place of a scenario's name.
         quiet: print only errors.
         json: print only the verdicts, as JSON, to the standard output.
     """
 
-    run: Annotated[Path, arg(metavar="FOLDER")]
-    quiet: bool = False
-    json: bool = False
+    run: Folder = None
+    quiet: Switch = False
+    json: Switch = False
 
 
 @dataclass(frozen=True)
@@ -264,8 +281,8 @@ class ViewOptions:
     """
 
     run: Positional[Path]
-    web: bool = False
-    rebuild: bool = False
+    web: Switch = False
+    rebuild: Switch = False
 
 
 COMMANDS: dict[str, type] = {
@@ -299,7 +316,8 @@ def parse(arguments: Sequence[str]) -> Any:
             args=list(arguments[1:]),
             config=(tyro.conf.FlagCreatePairsOff,),
         )
-        return with_homes(options)
+        options = with_homes(options)
+        return _sorted(options) if isinstance(options, Identify | Inspect) else options
     firsts = {name: (kind.__doc__ or "").partition("\n")[0] for name, kind in COMMANDS.items()}
     choices = [
         Annotated[kind, subcommand(name, description=firsts[name])]
@@ -316,6 +334,24 @@ def parse(arguments: Sequence[str]) -> Any:
         args=list(arguments),
         config=(tyro.conf.FlagCreatePairsOff,),
     )
+
+
+def _sorted(options: Identify | Inspect) -> Identify | Inspect:
+    """The same with all logs in one field; logs and a model file may stand in any order.
+
+    The name of a packed robot alone is a model for `nsaid identify`, which knows its log.
+    """
+    words = [*options.logs, *options.log]
+    model = options.model
+    files = [word for word in options.logs if word.suffix.lower() in _MODELS]
+    if model is None and len(files) == 1:
+        model = str(files[0])
+        words.remove(files[0])
+    if isinstance(options, Inspect):
+        return replace(options, logs=tuple(words), log=(), model=model)
+    if model is None and len(options.logs) == 1 and not (files or words[0].exists()):
+        model = str(words.pop(0))
+    return replace(options, logs=(), log=tuple(words), model=model)
 
 
 def parse_comparison(arguments: Sequence[str]) -> Any:

@@ -6,6 +6,33 @@ from typing import Annotated
 
 from tyro.conf import Positional, UseAppendAction, arg
 
+Switch = Annotated[bool, arg(help_behavior_hint="")]
+"""A flag without a value, off by default."""
+
+Folder = Annotated[Path | None, arg(metavar="FOLDER", help_behavior_hint="")]
+"""A folder; its help states the default."""
+
+File = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")]
+"""A file, none by default."""
+
+Files = Annotated[tuple[Path, ...], arg(metavar="FILE…", help_behavior_hint="")]
+"""Files or folders, none by default."""
+
+Model = Annotated[str | None, arg(metavar="FILE_OR_NAME", help_behavior_hint="")]
+"""A model file, or the name of a packed robot or vehicle."""
+
+Names = Annotated[str, arg(metavar="NAMES", help_behavior_hint="")]
+"""Comma-separated names; none by default."""
+
+Words = Annotated[str | None, arg(metavar="TEXT", help_behavior_hint="")]
+"""Words or numbers; their help states the default."""
+
+Number = Annotated[float | None, arg(metavar="NUMBER", help_behavior_hint="")]
+"""A number; its help states the default."""
+
+Count = Annotated[int | None, arg(metavar="COUNT", help_behavior_hint="")]
+"""A whole number; its help states the default."""
+
 ScenarioName = Annotated[
     Positional[str],
     arg(metavar="NAME_OR_FILE", help="a name from `nsaid list`, or the path of a script."),
@@ -35,17 +62,17 @@ class Compare:
         json: print only the table, as JSON, to the standard output.
     """
 
-    methods: str | None = None
+    methods: Words = None
     seeds: str = "0:3"
-    durations: str | None = None
-    sensors: str | None = None
-    noise_scales: str | None = None
-    budget: float | None = None
-    bound: bool = False
-    out: Path | None = None
-    force: bool = False
-    quiet: bool = False
-    json: bool = False
+    durations: Words = None
+    sensors: Words = None
+    noise_scales: Words = None
+    budget: Number = None
+    bound: Switch = False
+    out: Folder = None
+    force: Switch = False
+    quiet: Switch = False
+    json: Switch = False
     scenario: ScenarioName = field(kw_only=True)
 
 
@@ -72,14 +99,14 @@ class Sweep:
 
     vary: UseAppendAction[tuple[Annotated[str, arg(metavar="FIELD=A,B,C")], ...]] = ()
     seeds: int = 10
-    jobs: int | None = None
-    timeout: float | None = None
+    jobs: Count = None
+    timeout: Number = None
     engine: str = "local"
-    address: str | None = None
-    retry: bool = False
-    out: Path | None = None
-    json: bool = False
-    quiet: bool = False
+    address: Words = None
+    retry: Switch = False
+    out: Folder = None
+    json: Switch = False
+    quiet: Switch = False
     scenario: ScenarioName = field(kw_only=True)
 
 
@@ -101,11 +128,11 @@ class MonteCarlo:
     """
 
     runs: int = 256
-    jobs: int | None = None
-    own_plants: bool = False
-    out: Path | None = None
-    json: bool = False
-    quiet: bool = False
+    jobs: Count = None
+    own_plants: Switch = False
+    out: Folder = None
+    json: Switch = False
+    quiet: Switch = False
     scenario: ScenarioName = field(kw_only=True)
 
 
@@ -127,12 +154,12 @@ class Track:
         json: print only the results, as JSON, to the standard output.
     """
 
-    laws: str | None = None
+    laws: Words = None
     seeds: str = "0:10"
-    out: Path | None = None
-    force: bool = False
-    quiet: bool = False
-    json: bool = False
+    out: Folder = None
+    force: Switch = False
+    quiet: Switch = False
+    json: Switch = False
     scenario: ScenarioName = field(kw_only=True)
 
 
@@ -165,8 +192,8 @@ class CompareModels:
         quiet: print only errors.
     """
 
-    log: Annotated[tuple[Path, ...], arg(metavar="FILE…")] = ()
-    models: Annotated[tuple[str, ...], arg(metavar="FILE…")] = ()
-    map: Path | None = None
-    json: bool = False
-    quiet: bool = False
+    log: Files = ()
+    models: Annotated[tuple[str, ...], arg(metavar="FILE…", help_behavior_hint="")] = ()
+    map: File = None
+    json: Switch = False
+    quiet: Switch = False

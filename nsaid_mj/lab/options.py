@@ -147,8 +147,13 @@ def _flag(scenario: Scenario, path: str, name: str) -> _Field:
     parent, _, last = path.rpartition(".")
     part = field_at(scenario, parent)
     hint = get_type_hints(type(part), include_extras=True)[last]
-    text = tyro.conf.arg(help=_helps(type(part)).get(last))
+    text = tyro.conf.arg(help=_helps(type(part)).get(last), help_behavior_hint=_default)
     return name, Annotated[hint, text], field(default=getattr(part, last))
+
+
+def _default(value: str) -> str:
+    """What a flag's help says of its default; nothing where there is none."""
+    return f"(default: {value})" if value not in ("", "None") else ""
 
 
 def _form(

@@ -9,7 +9,7 @@ import json
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import field, fields, is_dataclass, replace
-from typing import Annotated, Any, Literal, Self, get_type_hints
+from typing import Annotated, Any, Literal, Self, get_args, get_type_hints
 
 import tyro
 from pydantic import AfterValidator, Field, TypeAdapter, ValidationError, model_validator
@@ -173,6 +173,24 @@ def _faults(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[tuple[Fault, ..
             isinstance(value, tuple) and all(isinstance(fault, Fault) for fault in value)
         ),
         str_from_instance=lambda value: [fault_text(fault) for fault in value],
+    )
+
+
+@REGISTRY.primitive_rule
+def _number_or_none(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[float | None] | None:
+    """A number or None, shown as a number: the help of a field says what None means."""
+    parts = [part for part in get_args(info.type) if part is not type(None)]
+    if len(parts) != 1 or type(None) not in get_args(info.type):
+        return None
+    kind = PrimitiveTypeInfo.make(parts[0], info.markers).type
+    if kind not in (float, int):
+        return None
+    return PrimitiveConstructorSpec(
+        nargs=1,
+        metavar=kind.__name__.upper(),
+        instance_from_str=lambda words: None if words[0] == "None" else kind(words[0]),
+        is_instance=lambda value: value is None or isinstance(value, int | float),
+        str_from_instance=lambda value: [str(value)],
     )
 
 

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 from ..base import write_text
 from ..core import ABSENT
 from .panels import BAD, BAND, COLOURS, DASHES, GRID, INK, PALE
-from .result import LEVELS, Mark, Result
+from .result import LEVELS, Mark, Result, gathered
 
 REPORT_FILE = "report.html"
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -91,7 +91,7 @@ class Table:
     lines: Sequence[Sequence[Cell]]
     text: Sequence[int] = (0,)  # indices of the columns that are not numbers
     ids: str = ""  # prefix of the lines' ids, the targets of `Link`; empty for none
-    # indices of the columns that a narrow terminal omits, in the order of omission
+    # indices of the columns that a narrow terminal folds into a line below each row, in this order
     spare: Sequence[int] = ()
     most: int = 40  # number of lines on the terminal; the others are counted
 
@@ -223,7 +223,7 @@ def _environment() -> Any:
     )
     script = (_TEMPLATES / "plots.js").read_text(encoding="utf-8")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    environment.filters.update(spoken=spoken, kind=kind, plain=Markup)
+    environment.filters.update(spoken=spoken, kind=kind, plain=Markup, gathered=gathered)
     environment.globals.update(
         light=COLOURS,
         dark=DARK,
@@ -248,7 +248,7 @@ def markdown(page: Page) -> str:
     lines += [plain(page.lead), ""] if page.lead else []
     said = list[str]()
     notes = list[str]()
-    for finding in page.result.findings:
+    for finding in gathered(page.result.findings):
         where = f"**{plain(finding.where)}**: " if finding.where else ""
         line = f"- {where}{plain(f'{finding.text}. {finding.remedy}')}"
         (notes if finding.level == "note" else said).append(line)

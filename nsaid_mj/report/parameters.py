@@ -32,7 +32,7 @@ def table(parameters: Sequence[Parameter], numbers: Mapping[str, int] | None = N
     """Parameters, at least one, with intervals, prior and true values where known.
 
     `numbers` are those of the page's list of combinations, for parameters that are part of one. A
-    narrow terminal omits the prior, then what the other columns tell, too.
+    narrow terminal folds the prior first, then what the other columns tell, too.
     """
     judged = any(p.status for p in parameters)
     known = any(p.true is not None for p in parameters)

@@ -1,8 +1,9 @@
 """The `Result` that every command reports at its end; `run_result` has that of a run."""
 
+import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, NamedTuple
 
 from ..base import Finding, Level
@@ -57,6 +58,52 @@ LEVELS: dict[Level, Mark] = {
 def gravest_first(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Findings ordered by level."""
     return tuple(sorted(findings, key=lambda finding: list(LEVELS).index(finding.level)))
+
+
+_NUMBER = re.compile(r"(?<![\w.])[−-]?\d+(?:\.\d+)?(?:·10[⁻⁰¹²³-⁹]+)?(?!\w)(?!\.\d)")
+_ROWS = re.compile(r" \(rows [\d, …]+\)")
+_NAMED = 6  # places that are named; of more the first and the last
+
+
+def gathered(findings: Iterable[Finding]) -> list[Finding]:
+    """Findings as they are read: what is said alike of several places is one finding.
+
+    Alike are level, code, remedy and words but for their numbers, of which the least and the
+    largest are told. Rows stand in the single findings alone.
+    """
+    groups: dict[tuple[str, ...], list[Finding]] = {}
+    for finding in findings:
+        words = _NUMBER.sub("#", _ROWS.sub("", finding.text))
+        groups.setdefault((finding.level, finding.code, finding.remedy, words), []).append(finding)
+    return [some[0] if len(some) == 1 else _together(some) for some in groups.values()]
+
+
+def _together(alike: Sequence[Finding]) -> Finding:
+    """One finding of several that differ in their places and numbers."""
+    first = alike[0]
+    texts = [_ROWS.sub("", finding.text) for finding in alike]
+    columns = zip(*(_NUMBER.findall(text) for text in texts), strict=True)
+    ranges = iter([_range(column) for column in columns])
+    text = _NUMBER.sub(lambda _: next(ranges), texts[0])
+    return replace(first, where=_places([f.where for f in alike]), text=text)
+
+
+def _range(numbers: Sequence[str]) -> str:
+    """The least and the largest of some numbers, in words; one if they are equal."""
+    powers = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−", "-0123456789-")
+    ordered = sorted(numbers, key=lambda n: float(n.translate(powers).replace("·10", "e")))
+    return " to ".join(dict.fromkeys((ordered[0], ordered[-1])))
+
+
+def _places(wheres: Sequence[str]) -> str:
+    """Places in words: what they share in front, such as a file, is said once."""
+    names = list(dict.fromkeys(where for where in wheres if where))
+    shared = {name.rpartition(", ")[0] for name in names}
+    if len(shared) == 1 and (before := shared.pop()):
+        return f"{before}, {_places([name.removeprefix(f'{before}, ') for name in names])}"
+    if len(names) > _NAMED:
+        return f"{names[0]}, {names[1]} … {names[-1]} ({len(names)})"
+    return ", ".join(names)
 
 
 @dataclass(frozen=True)

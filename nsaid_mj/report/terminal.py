@@ -1,21 +1,28 @@
-"""A page on the terminal: verdict, findings, and texts, tables and lists of brief sections."""
+"""A page on the terminal: verdict, findings, and texts, tables and lists of brief sections.
+
+On a terminal lines are broken between words, and columns that do not fit are folded into lines below
+their row. A pipe or a file gets every column, row and finding, and each statement on one line.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from textwrap import wrap
 
 from rich import markup
 from rich.console import Console
-from rich.table import Table as Grid
+from rich.text import Text as Styled
 
 from ..base import Finding, printable
+from ..core import ABSENT
 from .page import Badges, Cell, Items, Link, Page, PageItem, Table, Text, count, in_brief
-from .result import LEVELS, Mark
+from .result import LEVELS, Mark, gathered
 
 _COLOURS = {"good": "green", "fair": "yellow", "poor": "red", "weak": "bright_black"}
 _NOTES = 6  # largest printed number of notes, and of findings of any graver level
 _GRAVE = 40
 _LENGTH = 120  # characters of an entry of a list, at most
+_GAP = "  "  # between columns
 
 
 def escape(text: str) -> str:
@@ -29,15 +36,13 @@ def print_page(page: Page, console: Console, files: Sequence[object] = ()) -> No
     if mark is not None:
         name = f"[bold]{escape(page.heading)}[/]: " if page.heading else ""
         colour = _COLOURS[mark.kind]
-        console.print(
-            f"[bold {colour}]{mark.glyph}[/] {name}[bold {colour}]{escape(mark.text)}[/]",
-            soft_wrap=True,
-        )
+        glyph = f"[bold {colour}]{mark.glyph}[/]"
+        _say(console, f"{glyph} {name}[bold {colour}]{escape(mark.text)}[/]", 0)
     elif page.heading:
-        console.print(f"[bold]{escape(page.heading)}[/]: {escape(page.lead)}", soft_wrap=True)
+        _say(console, f"[bold]{escape(page.heading)}[/]: {escape(page.lead)}", 0)
     print_findings(page.result.findings, console)
     if mark is not None and page.lead:
-        console.print(f"  {escape(page.lead)}", soft_wrap=True)
+        _say(console, escape(page.lead))
     for section in page.sections:
         if section.brief:
             print_panels(section.panels, console)
@@ -47,15 +52,36 @@ def print_page(page: Page, console: Console, files: Sequence[object] = ()) -> No
         )
 
 
+def _say(console: Console, words: str, indent: int = 2) -> None:
+    """Prints a paragraph in markup; what a terminal breaks is indented by two characters more."""
+    text = Styled.from_markup(words)
+    ends = _breaks(text.plain, console.width - indent - 2) if console.is_terminal else []
+    for k, line in enumerate(text.divide(ends)):
+        line.rstrip()
+        console.print(Styled(" " * (indent + 2 * (k > 0))) + line, soft_wrap=True)
+
+
+def _breaks(words: str, room: int) -> list[int]:
+    """Where a line of at most `room` characters ends: between words, not before a % sign."""
+    bound = words.replace(" %", "\N{NO-BREAK SPACE}%")  # where `wrap` breaks no line
+    lines = wrap(bound, max(room, 20), break_long_words=False, break_on_hyphens=False)
+    ends: list[int] = []
+    for line in lines[1:]:
+        ends.append(bound.index(line, ends[-1] if ends else 1))
+    return ends
+
+
 def print_findings(findings: Sequence[Finding], console: Console, codes: bool = False) -> None:
     """Prints a line for each finding, notes dimmed; of many of one level it counts the rest.
 
-    The gravest come first. A remedy that several in a row share is printed after the last. With
-    `codes`, levels and codes precede the words, and all are printed.
+    The gravest come first, and what is said of several joints or channels is said once. A remedy
+    that several in a row share is printed after the last. With `codes`, levels and codes precede
+    the words; with them, or in a pipe, all are printed.
     """
+    everything = codes or not console.is_terminal
     for level, mark in LEVELS.items():
-        some = [finding for finding in findings if finding.level == level]
-        most = len(some) if codes else _NOTES if level == "note" else _GRAVE
+        some = gathered(finding for finding in findings if finding.level == level)
+        most = len(some) if everything else _NOTES if level == "note" else _GRAVE
         shown = [
             replace(f, remedy="") if f.remedy == after.remedy else f
             for f, after in pairwise([*some[:most], Finding(level, "", "", "")])
@@ -64,7 +90,7 @@ def print_findings(findings: Sequence[Finding], console: Console, codes: bool = 
         lines += [f"and {count(len(some) - most, f'more {level}')}"] if len(some) > most else []
         for line in lines:
             words = f"[dim]{escape(line)}[/]" if level == "note" else escape(line)
-            console.print(f"  [{_COLOURS[mark.kind]}]{mark.glyph}[/] {words}", soft_wrap=True)
+            _say(console, f"[{_COLOURS[mark.kind]}]{mark.glyph}[/] {words}")
 
 
 def print_panels(panels: Sequence[PageItem], console: Console) -> None:
@@ -78,14 +104,15 @@ def print_panels(panels: Sequence[PageItem], console: Console) -> None:
         console.print()
     for panel in shown:
         if isinstance(panel, Text):
-            console.print(f"  {escape(_spoken(panel.words))}", soft_wrap=True)
+            _say(console, escape(_spoken(panel.words)))
         elif isinstance(panel, Badges):
-            marks = ", ".join(f"{mark.glyph} {mark.text}" for mark in panel.marks)
-            console.print(f"  {escape(marks)}", soft_wrap=True)
+            _say(console, escape(", ".join(f"{mark.glyph} {mark.text}" for mark in panel.marks)))
         elif isinstance(panel, Items):
             for entry in panel.entries:
-                words = entry if isinstance(entry, str) else "\n      ".join(map(_cut, entry))
-                console.print(f"    {escape(_spoken(words))}", soft_wrap=True)
+                subject, *more = (entry,) if isinstance(entry, str) else map(_cut, entry)
+                _say(console, escape(_spoken(subject)), 4)
+                for words in more:
+                    _say(console, escape(_spoken(words)), 6)
         elif isinstance(panel, Table) and panel.lines:
             _print_table(panel, console)
 
@@ -99,33 +126,64 @@ def _cut(words: str) -> str:
 
 
 def _print_table(table: Table, console: Console) -> None:
-    """Prints a table, on a narrow terminal without its spare columns."""
-    hidden: set[int] = set()
-    unlimited = console.options.update(max_width=10_000)
-    for column in [None, *table.spare]:
-        hidden |= set() if column is None else {column}
-        grid = _grid(table, hidden)
-        if console.measure(grid, options=unlimited).maximum <= console.width:
-            break
+    """Prints a table; columns that a terminal has no room for stand in a line below each row."""
+    most = table.most if console.is_terminal else len(table.lines)
+    heads = [table.heads[k].replace(" [", "\n[").split("\n") for k in range(len(table.heads))]
+    cells = [[Styled.from_markup(_cell(cell)) for cell in line] for line in table.lines[:most]]
+    widths = [max(map(len, head)) for head in heads]
+    for line in cells:
+        if len(line) > 1:
+            widths = [max(old, cell.cell_len) for old, cell in zip(widths, line, strict=True)]
+    shown = _columns(table, widths, console)
+    folded = [k for k in range(len(widths)) if k not in shown]
     console.print()
-    console.print(grid)
-    if len(table.lines) > table.most:
-        console.print(f"    … and {len(table.lines) - table.most} more in the report")
-
-
-def _grid(table: Table, hidden: set[int]) -> Grid:
-    grid = Grid(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-    shown = [k for k in range(len(table.heads)) if k not in hidden]
-    for k in shown:
-        head = f"{'' if k else '  '}{table.heads[k]}".replace(" [", "\n[")
-        justify = "left" if k in table.text else "right"
-        grid.add_column(escape(head), justify=justify, no_wrap=True)
-    for line in table.lines[: table.most]:
+    levels = max(len(heads[k]) for k in shown)
+    for level in range(-levels, 0):
+        titles = [heads[k][level] if len(heads[k]) >= -level else "" for k in range(len(heads))]
+        _print_row(table, [Styled(title, "dim") for title in titles], widths, shown, console)
+    for line in cells:
         if len(line) == 1:
-            grid.add_row(f"[bold]{_cell(line[0])}[/]")
-        else:
-            grid.add_row(*(f"{'' if k else '  '}{_cell(line[k])}" for k in shown))
-    return grid
+            console.print(Styled("  ") + Styled(line[0].plain, "bold"), soft_wrap=True)
+            continue
+        _print_row(table, line, widths, shown, console)
+        more = [
+            _in_words(table.heads[k], line[k]) for k in folded if line[k].plain not in {"", ABSENT}
+        ]
+        if more:
+            _say(console, ", ".join(more), 6)
+    if len(table.lines) > most:
+        console.print(f"    … and {len(table.lines) - most} more in the report")
+
+
+def _in_words(head: str, cell: Styled) -> str:
+    """A folded cell: its column's name, the value and the unit."""
+    name, _, unit = head.removesuffix("]").partition(" [")
+    return f"{escape(name)} {cell.markup} {escape(unit)}".rstrip()
+
+
+def _columns(table: Table, widths: Sequence[int], console: Console) -> list[int]:
+    """The columns that stand side by side: all, or as many as a terminal has room for.
+
+    The table's `spare` ones are folded first, then those on the right.
+    """
+    shown = list(range(len(widths)))
+    order = [*table.spare, *(k for k in reversed(shown) if k not in table.spare and k)]
+    room = console.width if console.is_terminal else sum(widths) + 4 * len(widths)
+    while order and sum(widths[k] + len(_GAP) for k in shown) > room:
+        shown.remove(order.pop(0))
+    return shown
+
+
+def _print_row(
+    table: Table, line: Sequence[Styled], widths: Sequence[int], shown: Sequence[int], to: Console
+) -> None:
+    """Prints the shown cells of a row, words to the left and numbers to the right."""
+    made = Styled()
+    for k in shown:
+        space = " " * (widths[k] - line[k].cell_len)
+        made += Styled(_GAP) + (line[k] + space if k in table.text else Styled(space) + line[k])
+    made.rstrip()
+    to.print(made, soft_wrap=True)
 
 
 def _cell(cell: Cell) -> str:

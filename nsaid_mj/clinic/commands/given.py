@@ -9,7 +9,6 @@ class ToIdentify(Protocol):
     """What `nsaid identify` was given: a dataclass with the defaults of its flags."""
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
-    packed: str | None
     model: str | None
     log: tuple[Path, ...]
     validate: tuple[Path, ...]

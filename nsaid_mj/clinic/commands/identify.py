@@ -38,7 +38,7 @@ def files_of_results(model: str) -> tuple[str, ...]:
 
 def identify_log(chosen: ToIdentify) -> int:
     """Executes `nsaid identify` and returns the exit code."""
-    model = chosen.model or chosen.packed
+    model = chosen.model
     if model is None:
         raise InvalidInput("--model", "a model file or name", "none", "Such as --model arm.urdf.")
     check_identify(chosen, model)
@@ -128,12 +128,12 @@ def _identified(model: str, chosen: ToIdentify, folder: Path, progress: Progress
     )
 
 
-_OF_OUTPUT = {"packed", "out", "force", "fix", "json", "quiet"}
+_OF_OUTPUT = {"out", "force", "fix", "json", "quiet"}
 
 
 def repeated(chosen: ToIdentify) -> str:
     """The command line of an identification, without the options that affect only its output."""
-    words = ["nsaid", "identify", *([chosen.packed] if chosen.packed else [])]
+    words = ["nsaid", "identify"]
     for field in fields(chosen):
         value = getattr(chosen, field.name)
         if value == field.default or field.name in _OF_OUTPUT:

@@ -27,18 +27,15 @@ from .logs import ServoLog
 from .result import Replayed, ServoIdentification
 
 _SHOWN = {"T": 1e3, "f": 1e3, "kp": 1.0, "d": 1e3, "armature": 1.0}
-# factor to the unit in the head
-_HEADS = (
-    "servo",
-    "kv/kp [ms]",
-    "f/kp [{rad}]",
-    "kp [{kp}]",
-    "delay [ms]",
-    "armature [{armature}]",
-    "error [{rad}]",
-    "simple [{rad}]",
-)
-_UNITS = {"kp": ("N·m/rad", "N/m"), "armature": ("kg·m²", "kg"), "rad": ("mrad", "mm")}
+# factor to the unit in the cells
+_HEADS = ("servo", "kv/kp", "f/kp", "kp", "delay", "armature", "error", "baseline")
+_UNITS = {
+    "T": ("ms", "ms"),
+    "f": ("mrad", "mm"),
+    "kp": ("N·m/rad", "N/m"),
+    "d": ("ms", "ms"),
+    "armature": ("kg·m²", "kg"),
+}
 # of hinges and slides
 _REPLAYED = 30.0  # of a log that are drawn [s]
 _PER_SERVO = 6  # parameters
@@ -81,20 +78,21 @@ def _replay(result: ServoIdentification, log: ServoLog) -> Section:
 def _servos(result: ServoIdentification) -> list[PageItem]:
     """Every servo with its 95 % intervals."""
     lines: list[list[Cell]] = []
-    for k, servo in enumerate(result.servos):
+    joints = moving_joints(result.robot.model)
+    for k, (servo, joint) in enumerate(zip(result.servos, joints, strict=True)):
+        slide = slides(joint)
         own = result.parameters[_PER_SERVO * k : _PER_SERVO * (k + 1)]
-        cells = [_cell(p) for p in own if p.name.partition("_")[0] in _SHOWN]
-        lines.append([servo.name, *cells, f"{servo.error * 1e3:.1f}", f"{servo.simple * 1e3:.1f}"])
-    kinds = sorted({slides(joint) for joint in moving_joints(result.robot.model)})
-    units = {name: ", ".join(own[kind] for kind in kinds) for name, own in _UNITS.items()}
-    heads = [head.format(**units) for head in _HEADS]
-    panels: list[PageItem] = [Table(heads, lines, spare=(7,))]
+        cells = [_cell(p, slide) for p in own if p.name.partition("_")[0] in _SHOWN]
+        small = _UNITS["f"][slide]
+        errors = [f"{1e3 * error:.1f} {small}" for error in (servo.error, servo.simple)]
+        lines.append([servo.name, *cells, *errors])
+    panels: list[PageItem] = [Table(_HEADS, lines, spare=(7, 5))]
     if any(parameter.combination for parameter in result.parameters):
         panels.append(Text("~ only in combination with others; identification.json says which."))
     panels.append(
         Text(
-            "± in %; error: of the open-loop simulation; simple: of the delayed target "
-            "or a constant."
+            "error: mean absolute error of the open-loop simulation; baseline: same for the delayed "
+            "target, or a constant."
         )
     )
     return panels
@@ -114,13 +112,15 @@ def scores_page(scores: Sequence[Score], unit: str) -> Page:
     return Page("", Result(), sections=[Section("", [Table(heads, lines), Text(note)], brief=True)])
 
 
-def _cell(parameter: Parameter) -> str:
-    """A value with its interval, or marked where only a combination is identified."""
-    scale = _SHOWN[parameter.name.partition("_")[0]]
+def _cell(parameter: Parameter, slide: bool) -> str:
+    """A value with its unit and interval, or marked where only a combination is identified."""
+    name = parameter.name.partition("_")[0]
+    scale = _SHOWN[name]
+    value = f"{_number(scale * parameter.value)} {_UNITS[name][slide]}"
     if parameter.status != "identified":
-        return f"~ {_number(scale * parameter.value)}"
+        return f"~ {value}"
     half = 50 * (parameter.high - parameter.low) / parameter.value
-    return f"{_number(scale * parameter.value)} ±{half:.0f}"
+    return f"{value} ±{half:.0f} %"
 
 
 def _number(x: float) -> str:

@@ -18,7 +18,9 @@ from nsaid_mj.core.laws.faults import FaultEvent
 from nsaid_mj.lab.evaluation.page import print_result
 from nsaid_mj.lab.evaluation.run_result import STATISTICS
 from nsaid_mj.lab.evaluation.statistics import Conditions, Dimensions, Unobservable
-from nsaid_mj.report.terminal import print_findings
+from nsaid_mj.report.page import Table, Text
+from nsaid_mj.report.result import Mark, gathered
+from nsaid_mj.report.terminal import print_findings, print_panels
 from tests.support.summaries import run_result
 
 
@@ -87,14 +89,68 @@ def test_the_view_command_can_be_pasted_into_a_shell(capsys, tmp_path, monkeypat
 
 
 def test_a_remedy_that_findings_share_is_printed_once() -> None:
-    some = [Finding("refusal", "degrees", f"joint_{k}", "too far", "Say deg.") for k in (1, 2)]
+    some = [Finding("refusal", f"code_{k}", f"joint_{k}", "far", "Say deg.") for k in (1, 2)]
     stream = io.StringIO()
     print_findings([*some, Finding("refusal", "x", "", "no", "Other.")], Console(file=stream))
     assert [line.split(": ")[-1] for line in stream.getvalue().splitlines()] == [
-        "too far.",
-        "too far. Say deg.",
+        "far.",
+        "far. Say deg.",
         "  ✘ no. Other.",
     ]
+
+
+def test_what_is_said_alike_of_many_channels_is_one_finding() -> None:
+    """With the least and largest number; another remedy, or other words, is another finding."""
+    rows = "{} rows are saturated and not used (rows {}, 4 …)"
+    alike = [
+        Finding("warning", "flat", f"a.csv, u{k}", rows.format(n, k)) for k, n in enumerate((9, 70))
+    ]
+    other = Finding("warning", "flat", "a.csv, u3", "3 rows are saturated", "Look.")
+    small = [
+        Finding("note", "s", f"j{k}", f"it is {n} kg") for k, n in enumerate(("2·10⁻⁶", "0.1"))
+    ]
+    assert [str(f) for f in gathered([*alike, other, *small])] == [
+        "a.csv, u0, u1: 9 to 70 rows are saturated and not used.",
+        "a.csv, u3: 3 rows are saturated. Look.",
+        "j0, j1: it is 2·10⁻⁶ to 0.1 kg.",
+    ]
+    twelve = [Finding("warning", "flat", f"joint_{k}", "it is flat") for k in range(12)]
+    assert gathered(twelve)[0].where == "joint_0, joint_1 … joint_11 (12)"
+    assert gathered([alike[0]])[0] is alike[0]
+
+
+def lines_of(width: int, terminal: bool) -> list[str]:
+    table = Table(
+        ["joint", "long word [rad]", "share", "status"],
+        [
+            ["elbow", "0.123", "7 %", Mark("◐", "fair", "only in combination")],
+            ["wrist", "1", "–", ""],
+        ],
+        (0, 3),
+        spare=(1,),
+        most=1,
+    )
+    words = "the residuals of this joint are 12 % of the motion, see a/path/that/is/long.csv"
+    stream = io.StringIO()
+    console = Console(file=stream, width=width, force_terminal=terminal, color_system=None)
+    print_panels([Text(words), table], console)
+    return stream.getvalue().splitlines()
+
+
+@pytest.mark.parametrize("width", [40, 46, 60, 200])
+def test_a_terminal_loses_no_column_and_breaks_no_word(width: int) -> None:
+    lines = lines_of(width, terminal=True)
+    assert max(map(len, lines)) <= width
+    said = " ".join(" ".join(lines).split())
+    for words in ("12 % of", "a/path/that/is/long.csv", "0.123", "7 %", "◐ only in combination"):
+        assert words in said
+    assert not any(line.lstrip().startswith("%") for line in lines)
+    assert ("long word 0.123 rad" in said) == (width < 50)
+
+
+def test_a_pipe_gets_all_columns_and_lines_whatever_its_width() -> None:
+    assert lines_of(40, terminal=False) == lines_of(200, terminal=False)
+    assert "wrist" in lines_of(40, terminal=False)[-1]
 
 
 def test_a_percentage_is_written_in_one_way() -> None:
