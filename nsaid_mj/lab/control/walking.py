@@ -46,9 +46,9 @@ class Walk(DriverConfig):
     period: Positive = 0.5
     clearance: Share = 0.18
     speed: Positive = 0.5
-    depth: Share = 0.15
-    sway: Share = 0.15
-    tilt: Share = 0.2
+    depth: Share = 0.13
+    sway: Share = 0.1
+    tilt: Share = 0.15
     reach: Share = 0.2
     lean: NonNegative = 0.25
     stiffness: Positive = 2.0
