@@ -160,7 +160,7 @@ def _limbs(run: Run, rows: Indices, true: Array | None) -> Panel:
         level=1.0,
         key=("limbs",),
     )
-    limbs = _gains_of_limbs(system)
+    limbs = gains_of_limbs(system)
     if len(limbs) < 2:
         return panel
     k = system.space.actuators
@@ -171,7 +171,7 @@ def _limbs(run: Run, rows: Indices, true: Array | None) -> Panel:
     return panel
 
 
-def _gains_of_limbs(system: SecondOrderSystem) -> dict[str, Indices]:
+def gains_of_limbs(system: SecondOrderSystem) -> dict[str, Indices]:
     """The gains of each limb, as places in `space.actuators`, by the name of its first link."""
     if not isinstance(system, JointTree):
         return {}
