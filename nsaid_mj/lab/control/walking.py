@@ -39,18 +39,18 @@ class Walk(DriverConfig):
     """
 
     stance: tuple[Number, ...] = ()
-    squat: NonNegative = 4.0
-    trot: NonNegative = 6.0
-    wave: Positive = 5.0
-    ramp: Positive = 0.5
+    squat: NonNegative = 3.5
+    trot: NonNegative = 5.5
+    wave: Positive = 6.0
+    ramp: Positive = 0.8
     period: Positive = 0.5
     clearance: Share = 0.18
     speed: Positive = 0.5
-    depth: Share = 0.15
-    sway: Share = 0.15
-    tilt: Share = 0.2
+    depth: Share = 0.13
+    sway: Share = 0.1
+    tilt: Share = 0.15
     reach: Share = 0.2
-    lean: NonNegative = 0.25
+    lean: NonNegative = 0.3
     stiffness: Positive = 2.0
     damping: Positive = 0.03
 

@@ -7,7 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...core import Array, Indices, ParameterSpace, velocity_labels
+from ...core import (
+    Array,
+    Indices,
+    JointTree,
+    ParameterSpace,
+    SecondOrderSystem,
+    velocity_labels,
+)
 from ...report import (
     COLOURS,
     EXCITATION_LEVELS,
@@ -22,7 +29,7 @@ from ...report import (
     statistic,
     velocity_names,
 )
-from ..contacts import without_contacts
+from ..contacts import contact_forces, without_contacts
 from ..loop import Run
 from .confidence import INTERVAL
 from .figures import CONVERGED, common_factor, forces_of, midpoints
@@ -33,6 +40,7 @@ from .truth import Truth
 _POINTS = 4000  # of a curve over time, at most; more than the width of a screen
 _NUMBERS = 400_000  # entries of θ̂ over all curves, at most: a minute's recording stays below 20 MB
 _FORCE_POINTS = 600  # of a curve of forces
+_VANISHED = 1e-3  # share of the largest force below which a row without contacts holds no balance
 _TAIL = 0.9  # share of the run after which the stated intervals are drawn
 _LARGEST_SPACE = 12  # parameters whose ratios to the truth are drawn together, at most
 
@@ -49,6 +57,7 @@ def with_curves(result: RunResult, run: Run, truth: Truth | None) -> RunResult:
         *_motion(run, rows),
         *_estimates(result, run, rows, truth),
         *_conserved(run, rows),
+        *_contacts(run, rows, truth),
     ]
     if truth is None:
         panels += _predictions(run, rows)
@@ -91,7 +100,8 @@ def _main(result: RunResult, run: Run, rows: Indices, truth: Truth | None) -> li
     energy = Panel("Lyapunov function", "V [J]", logarithmic=True, key=("lyapunov",))
     if truth is not None and run.identifiers[""].metric is not None:
         energy.add(t, energy_of(run, truth, rows), "V of (66)")
-    panels = [distance, gains, error, energy] if truth is not None else [error, gains]
+    limbs = _limbs(run, rows, None if truth is None else truth.theta_at(t))
+    panels = [distance, gains, limbs, error, energy] if truth is not None else [error, gains, limbs]
     found = [fault.found for fault in run.faults]
     return [replace(panel, events=found, event_name="fault found") for panel in panels]
 
@@ -135,6 +145,66 @@ def _gains(result: RunResult, run: Run, rows: Indices, true: Array | None) -> Pa
             band = np.where(end, share[-1] - half, np.nan), np.where(end, share[-1] + half, np.nan)
         panel.add(t, share, space.labels[i], band)
     return panel
+
+
+def _limbs(run: Run, rows: Indices, true: Array | None) -> Panel:
+    """The scale of each limb: the mean of its gains relative to the true or prior ones.
+
+    On a stand every limb has a scale of its own, which no motion reveals; on the ground they have
+    one. Empty for a robot with fewer than two limbs with motors.
+    """
+    system = run.system
+    panel = Panel(
+        "Scale of each limb",
+        "mean of its gains' ratios, relative to the mean of all [–]",
+        level=1.0,
+        key=("limbs",),
+    )
+    limbs = gains_of_limbs(system)
+    if len(limbs) < 2:
+        return panel
+    k = system.space.actuators
+    theta_hat = run.record.rows("theta_hat", rows)[:, k]
+    ratio = theta_hat / (theta_hat[:1] if true is None else true[:, k])
+    for name, own in limbs.items():
+        panel.add(run.record["t"][rows], ratio[:, own].mean(axis=1) / ratio.mean(axis=1), name)
+    return panel
+
+
+def gains_of_limbs(system: SecondOrderSystem) -> dict[str, Indices]:
+    """The gains of each limb, as places in `space.actuators`, by the name of its first link."""
+    if not isinstance(system, JointTree):
+        return {}
+    bodies = system.structure.bodies
+    root = 0 if system.group else -1
+    limbs: dict[str, list[int]] = {}
+    for place, joint in enumerate(system.driven):
+        body = joint + (1 if system.group else 0)
+        while bodies[body].parent != root:
+            body = bodies[body].parent
+        limbs.setdefault(bodies[body].name, []).append(place)
+    return {name: np.array(own) for name, own in limbs.items()}
+
+
+def _contacts(run: Run, rows: Indices, truth: Truth | None) -> list[Panel]:
+    """The upward force on every foot that θ̂ implies and, if it is known, that under the true θ."""
+    system = run.system
+    contacts = system.structure.contacts
+    log = run.record.log
+    if not contacts or len(log.t) < 2:
+        return []
+    panel = _recorded("contact", "Upward forces on the feet, implied by the motion", "force [N]")
+    names = [contact.name for contact in contacts]
+    theta_hat = run.record.rows("theta_hat", rows)
+    if truth is not None:
+        true = truth.theta_at(log.t[rows])
+        scale = system.space.scale
+        theta_hat = theta_hat * common_factor(theta_hat, true, scale, system.space.actuators)[:, None]
+        under = contact_forces(system, log, rows, true).upwards
+        panel.add_columns(log.t[rows], under, names, ("true",), pale=True)
+    implied = contact_forces(system, log, rows, theta_hat).upwards
+    panel.add_columns(log.t[rows], implied, names, ("implied",))
+    return [panel]
 
 
 def _recorded(key: str, title: str, label: str, logarithmic: bool = False) -> Panel:
@@ -302,6 +372,8 @@ def _forces(run: Run, truth: Truth | None) -> list[Comparison]:
     found = forces_of(run, truth)
     if found is None or not found.measured.any():
         return []
+    size = np.abs(found.measured).max(axis=0)
+    none = (size < _VANISHED * size.max()) & bool(run.system.structure.contacts)
     points = min(len(found.t), _FORCE_POINTS)
     rows = np.unique(np.linspace(0, len(found.t) - 1, points).astype(int))
     labels = velocity_labels(run.system)
@@ -309,7 +381,7 @@ def _forces(run: Run, truth: Truth | None) -> list[Comparison]:
     error = found.nrmse
     order = np.argsort(-np.where(np.isfinite(error), error, -1.0), kind="stable")
     panels = []
-    for j in order:
+    for j in order[~none[order]]:  # a leg's own rows say its foot's force, and nothing else
         known = np.isfinite(error[j])
         number = statistic(float(error[j]), "%")
         note = f": error {number}" if known else ", not actuated"

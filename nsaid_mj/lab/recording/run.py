@@ -29,6 +29,7 @@ from ..evaluation.truth import Truth
 from ..evaluation.verify import Verification
 from ..loop import Run
 from ..record import Record
+from .contacts import ContactArrows
 from .forces import FAILED, Arrows, mounts_of
 from .inertia import ESTIMATED_INERTIA, REFERENCE, Inertias
 from .torques import Arcs
@@ -103,8 +104,10 @@ class RobotDrawing:
         self.camera = camera = None if scene.empty else scene.camera(some.q, some.v)
         self.survey = scene.survey(some.q) if camera and scene.vehicle else None
         self._links = Inertias.of(system) if camera else None
-        self._efforts: Arrows | Arcs | None = None
-        if camera and (mounts_of(system) or torques_drawn(system)):
+        self._efforts: Arrows | Arcs | ContactArrows | None = None
+        if camera and system.structure.contacts and len(record) > 1:
+            self._efforts = ContactArrows(system, camera.size, record.log, theta)
+        elif camera and (mounts_of(system) or torques_drawn(system)):
             kind = Arcs if torques_drawn(system) else Arrows
             self._efforts = kind(system, camera.size, some, theta)
 
@@ -126,7 +129,7 @@ class RobotDrawing:
         truth = self._truth
         t = record["t"]
         frames = _at_rate(record["t"], _RATE, _FRAMES)
-        inside = isinstance(self._efforts, Arrows) or self._links is not None
+        inside = isinstance(self._efforts, Arrows | ContactArrows) or self._links is not None
         failed = (path for event in self._run.faults for path in self._failed(event))
         changing = dict.fromkeys(failed, float(t[0]))
         self._scene.log_shapes(rec, self.camera, ghost=inside, changing=changing)
@@ -177,7 +180,7 @@ class RobotDrawing:
 
 def _log_efforts(
     rec: rr.RecordingStream,
-    drawn: Arrows | Arcs,
+    drawn: Arrows | Arcs | ContactArrows,
     rows: Log,
     theta_hat: Array,
     truth: Truth | None,

@@ -67,8 +67,11 @@ def blueprint(
         }
         if plots.shows("share_error", 2):  # of rivals, too
             story["share_error"] = f"Error of {shared} ratios [%]"
-    unit = plots.unit("log_velocity_rms")
-    story["log_velocity_rms"] = f"Velocity error, rms over short intervals [{unit}]"
+    story["limbs"] = "Scale of each limb: mean of its gains' ratios, over that of all"
+    story["contact"] = "Upward forces on the feet, implied by the motion, and true (pale) [N]"
+    if not plots.shows("contact"):  # on the ground v̂ is v
+        unit = plots.unit("log_velocity_rms")
+        story["log_velocity_rms"] = f"Velocity error, rms over short intervals [{unit}]"
     views = [plots(entity, story[entity], RIGHT) for entity in story if plots.shows(entity)]
     views += [] if judged else [_estimate(plots, g, False, RIGHT) for g in _driven(space)[:1]]
     checks = [
