@@ -20,12 +20,13 @@ from ....robots import RobotModel
 from ...logs.recordings import Recordings
 from ..choose.columns import SPEEDS
 from ..choose.cutoff import NARROWER
-from ..fit import Fit, inflation, minimise, tempered
+from ..fit import Fit, inflation, minimise, tempered, tempered_fit
 from ..joint_checks import GUESSED, NOMINAL, STATED
 from ..problem import FitProblem
 from ..result import JointStructure, Options, Structured
 from ..smoothing import Filter
 from .feet import feet_of, imu_pose
+from .offsets import displaced, estimated
 from .rows import BASE, FRICTIONS, Ground, GroundRows, total_mass
 from .stance import Stance, stance
 
@@ -71,6 +72,16 @@ def structured_ground(
         text += "legs in swing: ratios of gains are ten times less certain"
         remedy = "Log the IMU's specific force, too."
         findings.append(Finding("warning", "no_accelerometer", "base", text, remedy))
+    report("comparing IMU and joints")
+    fit, share = tempered_fit(rows.problem(delay))
+    offsets = estimated(rows, rows.problem(delay), fit.theta, delay, share)
+    if offsets.value.any():
+        findings += offsets.findings([foot.name for foot in feet])
+        changed = displaced(rows.ground, offsets.entries, offsets.value)
+        rows = rows.like(ground=replace(changed, touching=None))
+        fit = minimise(rows.problem(delay), start=fit.theta)
+        seen = _stance(rows, fit, delay)
+        rows = rows.like(ground=replace(changed, touching=seen.touching))
     interval = None
     others: list[float] = []
     if options.delay is None:
@@ -95,6 +106,7 @@ def structured_ground(
         findings,
         cutoff,
         delay,
+        doubts=offsets.changes,
         columns=rows.terms(rows.space)[0],
         rotors=rows.terms(rows.space)[1],
     )
