@@ -42,7 +42,7 @@ KINDS = {
     "place": Kind(0.02, 2e-3, 0.01, "sits elsewhere than the model file says", 1e3, "mm"),
     "turn": Kind(0.02, 3e-3, 0.01, "is turned against the model file", 180 / np.pi, "°"),
     "force": Kind(0.2, 0.05, 0.1, "accelerometer has a bias", 1.0, "m/s²"),
-    "foot": Kind(3e-3, 2e-3, 1e-3, "touches the ground elsewhere than the model says", 1e3, "mm"),
+    "foot": Kind(3e-3, 1.5e-3, 1e-3, "touches the ground elsewhere than the model says", 1e3, "mm"),
 }
 """Kinds by name; a bias of the gyroscope changes nothing.
 
@@ -53,6 +53,10 @@ _ROUNDING = 1e-12  # of the information's largest eigenvalue
 _NOTED = 4.0  # standard deviations from 0, and
 _LARGE = {"clock": 2e-3, "place": 0.01, "turn": 0.015, "force": 0.2, "foot": 0.0}
 # sizes beyond which an error is allowed for: smaller ones of the IMU are as likely friction's
+_TOGETHER = 3e-4
+_UNSEEN = 1.5e-3
+# standard deviations of the mean error of all feet along an axis [m]: as it is estimated, since
+# friction that differs from tanh(v/s) imitates it, and as it is allowed for
 _TOLD = 6e-3  # of a foot, from which it is told [m]
 
 
@@ -106,7 +110,12 @@ class Offsets(NamedTuple):
     entries: list[Entry]
     value: Array  # (a,) those that are certain and large, else 0
     left: Array  # (a,) standard deviations of what remains of them
-    changes: Array  # (a, p) of θ̂ by what remains of each, one standard deviation
+    changes: Array  # (a, p) of θ̂ by what remains of them, one standard deviation each
+
+    @property
+    def of_imu(self) -> Array:
+        """(a,) the errors of the IMU alone."""
+        return np.where([entry.foot < 0 for entry in self.entries], self.value, 0.0)
 
     def findings(self, feet: Sequence[str]) -> Iterator[Finding]:
         """Large ones that are allowed for, in words; `feet` are names."""
@@ -150,7 +159,8 @@ def estimated(
     followed = scale[:, None] * (own @ (axes.T @ (scale[:, None] * B)))
     kinds = [KINDS[entry.kind] for entry in entries]
     usual = np.array([kind.usual for kind in kinds])
-    S = np.einsum("nia,nib->ab", C, weight[:, :, None] * C) + np.diag(1 / usual**2)
+    S = np.einsum("nia,nib->ab", C, weight[:, :, None] * C)
+    S += np.linalg.inv(_covariance(entries, usual, _TOGETHER))
     S -= B.T @ followed
     covariance = np.linalg.inv(0.5 * (S + S.T))
     found = -covariance @ np.einsum("nia,ni->a", C, weight * residual)
@@ -160,8 +170,23 @@ def estimated(
         at = np.array([entry.kind == name for entry in entries])
         if (np.abs(found[at]) > np.maximum(_NOTED * deviation[at], least)).any():
             value[at] = found[at]
-    left = np.hypot(deviation, [kind.left for kind in kinds])
-    return Offsets(entries, value, left, -(followed * left).T)
+    remaining = _covariance(entries, np.array([kind.left for kind in kinds]), _UNSEEN)
+    remaining += np.diag(deviation**2)
+    changes = -(followed @ np.linalg.cholesky(remaining)).T
+    return Offsets(entries, value, np.sqrt(np.diag(remaining)), changes)
+
+
+def _covariance(entries: Sequence[Entry], deviation: Array, together: float) -> Array:
+    """(a, a) prior of errors of given deviations (a,); `together` is that of all feet's mean [m]."""
+    found = np.diag(deviation**2)
+    for axis in range(3):
+        at = [k for k, e in enumerate(entries) if e.kind == "foot" and e.axis == axis]
+        if at:
+            mean = np.full((len(at), len(at)), 1 / len(at))
+            own = found[np.ix_(at, at)]
+            apart = np.eye(len(at)) - mean
+            found[np.ix_(at, at)] = apart @ own @ apart + together**2 * len(at) * mean
+    return found
 
 
 def _columns(rows: GroundRows, entries: list[Entry], theta: Array, delay: Array) -> Array:

@@ -45,6 +45,7 @@ BASE = 6
 """Velocities of the base, before those of the joints."""
 
 _STRAIGHT = 30.0  # condition, over its median, from which a leg counts as stretched
+_FEW = 50  # rows of a velocity below which its parameters could make them all 0
 _WIDE = 2.0  # standard deviation of log θ of frictions and rotors: a factor of 7
 FRICTIONS = ("rotor", "viscous", "coulomb")
 """Columns of every joint."""
@@ -97,6 +98,7 @@ class GroundRows(Rows):
         self._commands = [(s, smooth_commands(s, chosen, law)) for s in self.segments]
         self.eliminated = [self._eliminated(k, motion) for k, motion in enumerate(self.motions)]
         self.usable &= self._sure()
+        self.usable[:, self.usable.sum(axis=0) < _FEW] = False
         self.space = self._space()
         system = with_columns(
             self.system, self.terms(self.space)[0], self._rotors(), len(self.space)

@@ -73,15 +73,22 @@ def structured_ground(
         remedy = "Log the IMU's specific force, too."
         findings.append(Finding("warning", "no_accelerometer", "base", text, remedy))
     report("comparing IMU and joints")
-    fit, share = tempered_fit(rows.problem(delay))
-    offsets = estimated(rows, rows.problem(delay), fit.theta, delay, share)
-    if offsets.value.any():
-        findings += offsets.findings([foot.name for foot in feet])
-        changed = displaced(rows.ground, offsets.entries, offsets.value)
-        rows = rows.like(ground=replace(changed, touching=None))
-        fit = minimise(rows.problem(delay), start=fit.theta)
-        seen = _stance(rows, fit, delay)
-        rows = rows.like(ground=replace(changed, touching=seen.touching))
+    total = 0.0
+    for last in (False, False, True):
+        problem = rows.problem(delay)
+        fit, share = tempered_fit(problem)
+        offsets = estimated(rows, problem, fit.theta, delay, share)
+        if offsets.of_imu.any() and not last:
+            total = total + offsets.of_imu
+            changed = displaced(rows.ground, offsets.entries, offsets.of_imu)
+            rows = rows.like(ground=replace(changed, touching=None))
+            fit = minimise(rows.problem(delay), start=fit.theta)
+            seen = _stance(rows, fit, delay)
+            rows = rows.like(ground=replace(changed, touching=seen.touching))
+        elif offsets.value.any():
+            rows = rows.like(ground=displaced(rows.ground, offsets.entries, offsets.value))
+            break
+    findings += offsets._replace(value=offsets.value + total).findings([f.name for f in feet])
     interval = None
     others: list[float] = []
     if options.delay is None:
