@@ -126,6 +126,8 @@ def _estimated(
     exact = precision(problem, fit, share)
     changes = [_change(problem, fit, own(other), share) for other in made.alternatives]
     changes += [_change(problem, fit, own(other), share, True) for other in made.rivals]
+    if made.doubts is not None:
+        changes += list(made.doubts)
     if apart:
         changes.append(apart * fit.theta)
     if changes:

@@ -72,6 +72,9 @@ class Structured(NamedTuple):
     delays: Array  # (k,) delays of the commands [s]
     # maps θ̂ (p,) to unmodelled effects against which residuals are tested
     suspects: Callable[[Array], Iterable[Suspect]] = lambda _: ()
+    # (d, p) changes of θ̂ by errors that no log tells, such as of a foot's place, one standard
+    # deviation each; None without any
+    doubts: Array | None = None
     # problems of structures and filters that predict the log as well as the chosen ones
     rivals: Iterable[FitProblem] = ()
     # the problem and the suspects with twice the variance of the sensors' noise, for a (p,) θ̂;

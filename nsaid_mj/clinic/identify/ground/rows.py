@@ -12,10 +12,11 @@ Contact forces jump at touch-down. So E is applied to the samples, before the ro
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
+from scipy.spatial.transform import Rotation
 
 from ....base import pin
 from ....core import (
@@ -26,9 +27,9 @@ from ....core import (
     Elimination,
     ParameterSpace,
     Rotor,
-    contact_jacobians,
-    rotation,
+    memory_of,
     slides,
+    torques_along,
 )
 from ....robots import RobotModel
 from ...logs.imu import GRAVITY
@@ -44,6 +45,7 @@ BASE = 6
 """Velocities of the base, before those of the joints."""
 
 _STRAIGHT = 30.0  # condition, over its median, from which a leg counts as stretched
+_FEW = 50  # rows of a velocity below which its parameters could make them all 0
 _WIDE = 2.0  # standard deviation of log θ of frictions and rotors: a factor of 7
 FRICTIONS = ("rotor", "viscous", "coulomb")
 """Columns of every joint."""
@@ -57,6 +59,7 @@ class Ground:
     feet: list[ContactPoint]  # that may touch
     imu: pin.SE3  # pose of the IMU in the base's frame
     clock: float = 0.0  # how late the IMU's readings are, against the joints' [s]
+    force: Array = field(default_factory=lambda: np.zeros(3))  # bias of the accelerometer [m/s²]
     # (N, feet) whether each touches, at the samples of every segment; None for all of them
     touching: tuple[Array, ...] | None = None
 
@@ -89,12 +92,13 @@ class GroundRows(Rows):
         self.spread = np.ones(len(self.gain))
         self.speed = speed
         self.system = unrolled(robot.system)
-        super().__init__(recordings, chosen, self._smooth)
+        super().__init__(recordings, chosen, lambda *each: smooth_ground(ground, *each))
         self.driven = recordings.driven(robot)
         law = recordings.feedback
         self._commands = [(s, smooth_commands(s, chosen, law)) for s in self.segments]
         self.eliminated = [self._eliminated(k, motion) for k, motion in enumerate(self.motions)]
         self.usable &= self._sure()
+        self.usable[:, self.usable.sum(axis=0) < _FEW] = False
         self.space = self._space()
         system = with_columns(
             self.system, self.terms(self.space)[0], self._rotors(), len(self.space)
@@ -127,41 +131,37 @@ class GroundRows(Rows):
         other.usable[:, :BASE] &= self.usable[:, :BASE].any()
         return other
 
-    def _smooth(self, segment: LogSegment, chosen: Filter) -> Smooth:
-        """The smoothed motion of base and joints of a segment."""
-        assert segment.imu is not None
-        log = segment.log
-        pick = slice(None, None, chosen.every)
-        joints = chosen.low_pass(log.q)
-        rates = slope(log.t, joints) if chosen.differentiate else chosen.low_pass(log.v)
-        imu = _at_time(log.t, segment.imu, self.ground.clock)
-        turn = self.ground.imu.rotation
-        spin = chosen.low_pass(imu[:, 4:7] @ turn.T)
-        spun = slope(log.t, spin)
-        lever = self.ground.imu.translation
-        force = chosen.low_pass(imu[:, 7:10] @ turn.T)
-        force = force - np.cross(spun, lever) - np.cross(spin, np.cross(spin, lever))
-        quaternion = chosen.low_pass(turned(imu[:, :4], turn))
-        quaternion /= np.linalg.norm(quaternion, axis=1)[:, None]
-        down = np.array([rotation(x).T @ [0.0, 0.0, -GRAVITY] for x in quaternion])
-        none = np.zeros_like(force)
-        q = np.hstack([none, quaternion, joints])
-        v = np.hstack([none, spin, rates])
-        a = np.hstack([force + down, spun, slope(log.t, rates)])
-        usable = np.repeat(segment.usable.all(axis=1)[:, None], v.shape[1], axis=1)
-        return Smooth(log.t[pick], q[pick], v[pick], a[pick], usable[pick])
-
     def _eliminated(self, number: int, motion: Smooth) -> Elimination:
-        touching = None
-        if self.ground.touching is not None:
-            at = self.recordings.segments.index(self.segments[number])
-            touching = self.ground.touching[at][:: self.chosen.every].astype(bool)
-        return Elimination(self.system.structure, self.ground.feet, motion.q, touching)
+        bear = self._bear(number)
+        return Elimination(self.system.structure, self.ground.feet, motion.q, bear)
 
-    def jacobian(self, number: int) -> Array:
-        """(M, c, n) J of all feet along a motion; see `contact_jacobians`."""
-        structure = self.system.structure
-        return contact_jacobians(structure, self.ground.feet, self.motions[number].q)[0]
+    def _bear(self, number: int) -> Mask | None:
+        """(M, feet) which feet may bear load along a motion; None for all of them."""
+        if self.ground.touching is None:
+            return None
+        own = self.segments[number]
+        at = next(k for k, s in enumerate(self.recordings.segments) if s is own)
+        return self.ground.touching[at][:: self.chosen.every].astype(bool)
+
+    def smoothed(self, number: int, ground: Ground) -> Smooth:
+        """A motion under other assumptions about sensors."""
+        return smooth_ground(ground, self.segments[number], self.chosen)
+
+    def required(
+        self, number: int, theta: Array, delay: Array, motion: Smooth | None = None
+    ) -> Array:
+        """(M, n) W θ along a motion, unfiltered, at θ (p,) and delays (k,): the contacts' forces."""
+        motion = motion or self.motions[number]
+        columns, rotors = self.terms(self.space)
+        own = [column for column in columns if column.kind != "motor"]
+        system = with_columns(self.system, own, rotors, len(self.space))
+        structure = system.structure.arrays
+        found = np.empty_like(motion.v)
+        parts = (np.ascontiguousarray(x) for x in (motion.q, motion.v, motion.a))
+        torques_along(structure, *memory_of(structure, system.n), theta, *parts, found)
+        driving = self.acting(number, delay)[:, self.driven] * theta[self.space.actuators]
+        found[:, [BASE + j for j in self.driven]] -= driving
+        return found
 
     def _sure(self) -> Mask:
         """(N, n) rows near which no leg is stretched, and in which a velocity's forces appear."""
@@ -292,6 +292,31 @@ class GroundRows(Rows):
         return FitProblem(space, Y, *of_rows, prior, spread, none, size, whole=whole)
 
 
+def smooth_ground(ground: Ground, segment: LogSegment, chosen: Filter) -> Smooth:
+    """The smoothed motion of base and joints of a segment."""
+    assert segment.imu is not None
+    log = segment.log
+    pick = slice(None, None, chosen.every)
+    joints = chosen.low_pass(log.q)
+    rates = slope(log.t, joints) if chosen.differentiate else chosen.low_pass(log.v)
+    imu = _at_time(log.t, segment.imu, ground.clock)
+    turn = ground.imu.rotation
+    spin = chosen.low_pass(imu[:, 4:7] @ turn.T)
+    spun = slope(log.t, spin)
+    lever = ground.imu.translation
+    force = chosen.low_pass((imu[:, 7:10] - ground.force) @ turn.T)
+    force = force - np.cross(spun, lever) - np.cross(spin, np.cross(spin, lever))
+    quaternion = chosen.low_pass(turned(imu[:, :4], turn))
+    quaternion /= np.linalg.norm(quaternion, axis=1)[:, None]
+    down = -GRAVITY * Rotation.from_quat(quaternion).as_matrix()[:, 2]
+    none = np.zeros_like(force)
+    q = np.hstack([none, quaternion, joints])
+    v = np.hstack([none, spin, rates])
+    a = np.hstack([force + down, spun, slope(log.t, rates)])
+    usable = np.repeat(segment.usable.all(axis=1)[:, None], v.shape[1], axis=1)
+    return Smooth(log.t[pick], q[pick], v[pick], a[pick], usable[pick])
+
+
 def total_mass(robot: RobotModel, p: int) -> Array:
     """(p,) w with wᵀθ the mass of all links over that of the model file."""
     own = file_links(robot.model)
@@ -309,8 +334,6 @@ def _at_time(t: Array, x: Array, late: float) -> Array:
 
 def turned(quaternions: Array, turn: Array) -> Array:
     """(N, 4) orientations of the base, from those of an IMU turned against it by (3, 3)."""
-    from scipy.spatial.transform import Rotation
-
     found = (Rotation.from_quat(quaternions) * Rotation.from_matrix(turn).inv()).as_quat()
     signs = np.cumprod(np.append(1.0, np.where(np.sum(found[1:] * found[:-1], axis=1) < 0, -1, 1)))
     return found * signs[:, None]

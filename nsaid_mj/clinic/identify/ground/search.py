@@ -20,12 +20,13 @@ from ....robots import RobotModel
 from ...logs.recordings import Recordings
 from ..choose.columns import SPEEDS
 from ..choose.cutoff import NARROWER
-from ..fit import Fit, inflation, minimise, tempered
+from ..fit import Fit, inflation, minimise, tempered, tempered_fit
 from ..joint_checks import GUESSED, NOMINAL, STATED
 from ..problem import FitProblem
 from ..result import JointStructure, Options, Structured
 from ..smoothing import Filter
 from .feet import feet_of, imu_pose
+from .offsets import displaced, estimated
 from .rows import BASE, FRICTIONS, Ground, GroundRows, total_mass
 from .stance import Stance, stance
 
@@ -71,6 +72,23 @@ def structured_ground(
         text += "legs in swing: ratios of gains are ten times less certain"
         remedy = "Log the IMU's specific force, too."
         findings.append(Finding("warning", "no_accelerometer", "base", text, remedy))
+    report("comparing IMU and joints")
+    total = 0.0
+    for last in (False, False, True):
+        problem = rows.problem(delay)
+        fit, share = tempered_fit(problem)
+        offsets = estimated(rows, problem, fit.theta, delay, share)
+        if offsets.of_imu.any() and not last:
+            total = total + offsets.of_imu
+            changed = displaced(rows.ground, offsets.entries, offsets.of_imu)
+            rows = rows.like(ground=replace(changed, touching=None))
+            fit = minimise(rows.problem(delay), start=fit.theta)
+            seen = _stance(rows, fit, delay)
+            rows = rows.like(ground=replace(changed, touching=seen.touching))
+        elif offsets.value.any():
+            rows = rows.like(ground=displaced(rows.ground, offsets.entries, offsets.value))
+            break
+    findings += offsets._replace(value=offsets.value + total).findings([f.name for f in feet])
     interval = None
     others: list[float] = []
     if options.delay is None:
@@ -95,6 +113,7 @@ def structured_ground(
         findings,
         cutoff,
         delay,
+        doubts=offsets.changes,
         columns=rows.terms(rows.space)[0],
         rotors=rows.terms(rows.space)[1],
     )

@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from scipy.spatial.transform import Rotation
 
-from ....core import Array, memory_of, rotation, torques_along, zero_phase
+from ....core import Array, zero_phase
 from ..problem import Mask
-from ..rows import with_columns
-from .rows import BASE, GroundRows
+from .rows import GroundRows
 
 _SMOOTH = 25.0  # of the forces, before they are judged [Hz]
 _UNLOADED = 0.08  # of a foot's share of the robot's weight, below which it may be in swing
@@ -60,20 +60,9 @@ def stance(rows: GroundRows, theta: Array, delay: Array, total: float) -> Stance
 def _normal(rows: GroundRows, number: int, theta: Array, delay: Array) -> Array:
     """(M, feet) normal forces along a motion [N]."""
     motion = rows.motions[number]
-    columns, rotors = rows.terms(rows.space)
-    own = [column for column in columns if column.kind != "motor"]
-    system = with_columns(rows.system, own, rotors, len(rows.space))
-    structure = system.structure.arrays
-    torque = np.empty_like(motion.v)
-    q = np.ascontiguousarray(motion.q)
-    v = np.ascontiguousarray(motion.v)
-    a = np.ascontiguousarray(motion.a)
-    torques_along(structure, *memory_of(structure, system.n), theta, q, v, a, torque)
-    gains = theta[rows.space.actuators]
-    u = rows.acting(number, delay)[:, rows.driven]
-    torque[:, [BASE + j for j in rows.driven]] -= u * gains
+    torque = rows.required(number, theta, delay)
     force = np.einsum("nij,nj->ni", rows.eliminated[number].to_force, torque)
-    up = np.array([rotation(x)[2] for x in motion.q[:, 3:7]])
+    up = Rotation.from_quat(motion.q[:, 3:7]).as_matrix()[:, 2]
     found = []
     first = 0
     for foot in rows.ground.feet:
