@@ -18,7 +18,6 @@ from nsaid_mj.lab.setup import Setup
 from nsaid_mj.robots.assets import asset
 
 
-
 class Found(NamedTuple):
     """What `nsaid identify` says of a log.
 
