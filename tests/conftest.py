@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from nsaid_mj.base import atomic_write
 
@@ -68,6 +69,13 @@ DRAWN = (
     "journeys/",
 )
 """Tests whose pages are drawn: of every kind of result, and of runs that end early."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Fewer examples where long studies are left out; other ones are drawn each time."""
+    if "not slow" in config.option.markexpr:
+        settings.register_profile("short", max_examples=40)
+        settings.load_profile("short")
 
 
 def pytest_collection_finish() -> None:
