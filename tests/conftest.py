@@ -6,6 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+from nsaid_mj.base import atomic_write
 
 gc.set_threshold(50_000)  # as the command line does
 pytest.register_assert_rewrite("tests.support", "tests.recovery.direction")
@@ -60,12 +63,19 @@ wait.
 DRAWN = (
     "report/",
     "cli/test_cli.py",
-    "cli/test_servos.py",
     "clinic/identify/test_identify.py",
+    "clinic/identify/test_inspection.py",
     "faults/test_endings.py",
     "journeys/",
 )
 """Tests whose pages are drawn: of every kind of result, and of runs that end early."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Fewer examples where long studies are left out; other ones are drawn each time."""
+    if "not slow" in config.option.markexpr:
+        settings.register_profile("short", max_examples=40)
+        settings.load_profile("short")
 
 
 def pytest_collection_finish() -> None:
@@ -82,12 +92,20 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="module", autouse=True)
 def drawings(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Pages have no drawings, four fifths of the time of a page, but in tests that look at them."""
+    """Pages and `nsaid inspect` draw nothing, but in tests that look at it: most of their time."""
     name = request.path.relative_to(Path(__file__).parent).as_posix()
     with pytest.MonkeyPatch.context() as patch:
         if not name.startswith(DRAWN):
             patch.setattr("nsaid_mj.report.drawings.draw", lambda panel: "<svg></svg>")
+            patch.setattr("nsaid_mj.clinic.identify.inspection_page.png_of", blank)
         yield
+
+
+def blank(lines: object, size: object, path: Path) -> Path:
+    """Writes a picture that shows nothing, as pictures are written."""
+    with atomic_write(path) as part:
+        part.write_bytes(b"\x89PNG")
+    return path
 
 
 @pytest.fixture

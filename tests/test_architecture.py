@@ -1,6 +1,7 @@
 """The architecture: houses and their doors, and which module may read the truth."""
 
 import ast
+import random
 import subprocess
 import sys
 from functools import cache
@@ -8,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from scripts import mutants
+from scripts import drawn, mutants
 from scripts.houses import STREET, Street, cycles, house_of
 
 OURS = Street()
@@ -287,3 +288,12 @@ def test_a_truth_object_is_made_only_after_a_run():
 @pytest.mark.parametrize("file", sorted(mutants.FOLDER.glob("*.toml")), ids=lambda file: file.stem)
 def test_every_mutant_changes_a_text_that_its_file_has_once(file: Path):
     assert mutants.mutants_of(file.stem)
+
+
+def test_a_drawn_fault_is_one_wrong_line_of_a_module_and_has_tests_near():
+    files = drawn.rooms()["base"]
+    for seed in range(3):
+        fault = drawn.drawn(files, random.Random(seed))
+        assert fault.before != fault.after
+        compile(fault.text, fault.file, "exec")
+        assert all((drawn.ROOT / test).is_file() for test in drawn.nearest(fault.file))

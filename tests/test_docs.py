@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import pytest
 
-from tests.support.faulty import CHECKOUT, call
+from tests.support.faulty import CHECKOUT, call, flat, shell
 
 DOCS = CHECKOUT / "docs"
 PAGES = [CHECKOUT / "README.md", *sorted(DOCS.glob("*.md"))]
@@ -139,6 +139,35 @@ def test_a_block_that_is_not_run_says_why(page: Path) -> None:
             assert (CHECKOUT / block.why).is_file()
     if name_of(page) in ELSEWHERE:
         assert page.name in (CHECKOUT / ELSEWHERE[name_of(page)]).read_text(encoding="utf-8")
+
+
+# -- what is printed -----------------------------------------------------------------------------
+
+NUMBER = re.compile(r"\d+(?:\.\d+)?")
+
+
+def examples(page: Path) -> list[tuple[str, list[str]]]:
+    """The commands whose output a page shows, each with the lines shown."""
+    shown = [block.text.splitlines() for block in blocks(page) if block.text.startswith("$ ")]
+    return [(first.removeprefix("$ "), rest) for first, *rest in shown]
+
+
+EXAMPLES = [(name_of(page), *example) for page in PAGES for example in examples(page)]
+
+
+@pytest.mark.parametrize(("page", "line", "shown"), EXAMPLES)
+def test_a_command_prints_what_a_page_shows(
+    page: str, line: str, shown: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same words, and the same numbers to two per cent, which is less than a law's change."""
+    monkeypatch.chdir(tmp_path)
+    _, said = shell(*shlex.split(line)[1:])
+    printed = {NUMBER.sub("#", flat(each)): each for each in said.out.splitlines()}
+    for each in map(flat, shown):
+        found = printed.get(NUMBER.sub("#", each))
+        assert found is not None, f"{page}: {line} no longer prints {each}"
+        now, then = ([float(x) for x in NUMBER.findall(text)] for text in (found, each))
+        assert now == pytest.approx(then, rel=0.02), f"{page}: {line} prints {found}"
 
 
 def test_every_page_is_in_the_sites_navigation() -> None:

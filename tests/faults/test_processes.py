@@ -155,7 +155,10 @@ def alive(pid: int) -> bool:
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="finds processes in /proc")
-@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "how",
+    [signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.slow), signal.SIGKILL],
+)
 def test_a_sweep_that_is_ended_leaves_no_process(how: signal.Signals, tmp_path: Path) -> None:
     words = ("sweep", "scalar_rov", "--seeds", "4", "--jobs", "2", "--duration", "30000")
     process = start(*words, "--out", tmp_path / "out", "--quiet", cwd=tmp_path)

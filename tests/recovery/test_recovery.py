@@ -40,6 +40,7 @@ BARS = {
 
 LONG = {"uvms", "borinot", "panda", "crazyflie", "hummingbird", "kinova", "z1", "bmw320i"}
 LONG |= {"f1tenth", "rover"}  # a car is in straight_then_slalom, links and wheels in others
+LONG |= {"wrist_first", "remus100"}  # as one_axis_at_a_time; the other is in test_memory.py
 
 
 @pytest.fixture(

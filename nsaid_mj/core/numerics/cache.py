@@ -12,6 +12,7 @@ import os
 import platform
 import re
 import shutil
+import stat
 import sys
 import tempfile
 import threading
@@ -38,11 +39,13 @@ WHOLE = ("core/numerics", "core/structure")
 """Packages included in full: nearly all of their files define kernels, or parts of kernels."""
 
 _IMPORTS = re.compile(rb"from (\.+)([\w.]*) import (\([^)]*\)|[^\n]*)")
+_NUMBA = (b"import numba", b"from numba")
 _OFFERS = re.compile(r"from \.([\w.]+) import (\w+)")
 
 KEPT = 3  # folders of other digests that survive when a new one is made
 IN_USE = 86400.0  # folders used more recently than this are never deleted [s]
 _FOLDER = "nsaid-mj"
+_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 
 def digest(package: Path = PACKAGE) -> str:
@@ -88,7 +91,7 @@ def kernel_sources(package: Path = PACKAGE) -> dict[str, bytes]:
     left = [
         name
         for name, text in texts.items()
-        if name.startswith(WHOLE) or b"kernel(" in text or b"numba" in text
+        if name.startswith(WHOLE) or b"kernel(" in text or any(words in text for words in _NUMBA)
     ]
     found: dict[str, bytes] = {}
     while left:
@@ -140,14 +143,21 @@ def cache_home() -> Path:
 def open_cache() -> Path:
     """Creates the folder of this version's kernels, or marks it as used, and deletes old folders.
 
-    If it is not writable, a temporary folder serves this process and its children, with a
-    `NoKernelCache` warning.
+    If it is not writable, or others can write into it, a temporary folder serves this process and
+    its children, with a `NoKernelCache` warning.
     """
     try:
         home = cache_home()
         folder = home / digest()
         new = not folder.is_dir()
-        folder.mkdir(parents=True, exist_ok=True)
+        home.mkdir(mode=0o700, parents=True, exist_ok=True)
+        _check_owner(home)
+        if home.stat().st_mode & _OTHERS:  # made with the user's umask by an earlier version
+            home.chmod(0o700)
+        folder.mkdir(mode=0o700, exist_ok=True)
+        _check_owner(folder)
+        if hasattr(os, "getuid") and folder.stat().st_mode & _OTHERS:
+            raise PermissionError(f"others can write into {folder}; delete it")
         tempfile.TemporaryFile(dir=folder).close()  # raises if the folder is not writable
         os.utime(folder)
     except OSError as error:
@@ -155,6 +165,16 @@ def open_cache() -> Path:
     if new:
         prune(home, folder)
     return folder
+
+
+def _check_owner(folder: Path) -> None:
+    """Numba's cache consists of pickles, which run code when they are read.
+
+    Raises:
+        PermissionError: the folder belongs to another user.
+    """
+    if hasattr(os, "getuid") and folder.stat().st_uid != os.getuid():  # not on Windows
+        raise PermissionError(f"{folder} belongs to another user")
 
 
 def _temporary(error: OSError) -> Path:

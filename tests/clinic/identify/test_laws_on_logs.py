@@ -49,10 +49,16 @@ def identified(arm, law: str, folder: Path | None = None) -> Identification:
     return identify_forces(model, log, law=law, folder=folder, columns=[], delay=0.0)
 
 
+@pytest.fixture(scope="module")
+def remembered(arm, tmp_path_factory) -> Identification:
+    """What `memory` finds, with a folder of its run."""
+    return identified(arm, "memory", tmp_path_factory.mktemp("memory"))
+
+
 @pytest.mark.parametrize("law,near", [("efficient", 0.1), ("memory", 0.1), ("cone", 0.4)])
-def test_a_law_finds_the_gains_of_a_log(arm, law, near):
+def test_a_law_finds_the_gains_of_a_log(arm, remembered, law, near):
     """The prior of gains in an unknown unit is a guess from the log."""
-    found = identified(arm, law)
+    found = remembered if law == "memory" else identified(arm, law)
     along, true = found.law, arm[2]
     assert along is not None and along.completed
     gains = np.array([true["gain_1"], true["gain_2"]])
@@ -77,10 +83,9 @@ def test_the_papers_law_follows_a_log_without_intervals(arm):
     assert all(np.isinf(gain.half) and not gain.apart for gain in along.gains)
 
 
-def test_a_law_on_a_log_and_live_give_the_same_bits(arm, tmp_path):
-    found = identified(arm, "memory", tmp_path / "log")
-    assert found.law is not None
-    run = found.law.run
+def test_a_law_on_a_log_and_live_give_the_same_bits(remembered, tmp_path):
+    assert remembered.law is not None
+    run = remembered.law.run
     gap = np.diff(run.record["t"]) > 1.5 * run.scenario.dt
     assert gap.sum() == 1
     lines = [
@@ -93,14 +98,14 @@ def test_a_law_on_a_log_and_live_give_the_same_bits(arm, tmp_path):
         np.testing.assert_array_equal(live.record[name], run.record[name])
 
 
-def test_a_record_of_a_log_is_opened_again(arm, tmp_path):
-    found = identified(arm, "memory", tmp_path)
-    assert found.law is not None
-    result = finish(found.law.run)
-    assert (tmp_path / "report.html").is_file() and result.law.law == "memory"
-    again = rebuild(tmp_path)
+def test_a_record_of_a_log_is_opened_again(remembered):
+    assert remembered.law is not None
+    run = remembered.law.run
+    result = finish(run)
+    assert (run.folder / "report.html").is_file() and result.law.law == "memory"
+    again = rebuild(run.folder)
     assert again.estimates == result.estimates
-    assert len(Record.read(tmp_path)) == len(found.law.run.record)
+    assert len(Record.read(run.folder)) == len(run.record)
 
 
 def test_logs_of_a_law_are_on_one_clock_and_commands_lie_between_samples(arm):

@@ -316,13 +316,12 @@ def test_an_interval_holds_or_the_verdict_is_not_yes(flawed, name):
     assert not words or any(f.where == where and words in f.text for f in told), told
 
 
-def test_a_wrong_ratio_ends_a_yes_and_a_lag_widens_the_intervals(ur5, flawed, tmp_path):
+def test_a_wrong_ratio_ends_a_yes_and_a_lag_widens_the_intervals(ur5, flawed):
     """The ratio's gain is beyond what one step corrects; the lag's effect is within it."""
     found, _ = flawed("a gear ratio of 2")
     assert found.explains == "partly" and "a scale error of its position" in found.verdict
-    values, true = arm_log(ur5, 1, Flaw(lag=0.03))
-    log = write_csv(tmp_path / "log.csv", values)
-    gains = identify_forces(ur5, log, known={"gain_1": true["gain_1"]}).of("motor gain")
+    _, true = arm_log(ur5, 0, Flaw(lag=0.03))
+    gains = flawed("a lag of 30 ms")[0].of("motor gain")
     assert max(abs(gain.value / true[gain.name] - 1) for gain in gains[:5]) > 0.02
     assert all(gain.low <= true[gain.name] <= gain.high for gain in gains)
 
@@ -361,12 +360,12 @@ def test_gains_that_all_fade_are_told(tmp_path):
     assert isinstance(share, float) and share > 0.5
 
 
-def test_a_structure_that_is_right_is_not_doubted(ur5, tmp_path):
-    for seed in (1, 2):
-        found, off = outcome(ur5, tmp_path, seed, Flaw(delay=0.015))
-        assert found.explains == "yes" and not off, found.verdict
-        assert all(gain.high < 1.15 * gain.value for gain in found.of("motor gain"))
-        np.testing.assert_allclose([j.delay for j in found.joints], 0.015, atol=0.001)
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_structure_that_is_right_is_not_doubted(ur5, tmp_path, seed):
+    found, off = outcome(ur5, tmp_path, seed, Flaw(delay=0.015))
+    assert found.explains == "yes" and not off, found.verdict
+    assert all(gain.high < 1.15 * gain.value for gain in found.of("motor gain"))
+    np.testing.assert_allclose([j.delay for j in found.joints], 0.015, atol=0.001)
 
 
 # -- the choice of a structure --------------------------------------------------------------------

@@ -24,11 +24,12 @@ def load(mj, data):
     mj.dof_frictionloss[JOINT] = KP[JOINT] * F[JOINT] + 0.3 * abs(data.qfrc_bias[JOINT])
 
 
+pytestmark = pytest.mark.usefixtures("no_profile_search")
 EFFECTS = {"stribeck": (stribeck, 0.015), "load": (load, 0.3)}
 
 
 def told(folder, change):
-    """Sizes of the effects that are told, by joint and effect."""
+    """Sizes of the effects that are told, by joint and effect; `test_recovery.py` has none."""
     files = [
         write(folder / f"motion_{k}.csv", *log(40 + k, seconds=30.0, change=change))
         for k in range(2)
@@ -49,10 +50,6 @@ def test_an_effect_is_told_with_its_size(tmp_path, effect):
     found = told(tmp_path, change)
     assert {joint for joint, _ in found} == {NAME}, found
     assert found[NAME, effect] == pytest.approx(size, rel=0.35), found
-
-
-def test_a_servo_that_obeys_its_equation_has_none(tmp_path):
-    assert not told(tmp_path, None)
 
 
 @pytest.mark.parametrize(("weight", "play"), [(0.03, 0.0), (0.03, 0.02), (1.0, 0.01)])

@@ -15,6 +15,7 @@ from nsaid_mj.core.laws.cone.law import ConeMetric
 from nsaid_mj.core.laws.metric import ConstantMetric
 from nsaid_mj.core.laws.rk4 import flow_in
 from nsaid_mj.core.numerics import cache
+from nsaid_mj.core.numerics.errors import NoKernelCache
 from nsaid_mj.core.numerics.kernels import callees, named
 
 PACKAGE = Path(nsaid_mj.__file__).parent
@@ -184,6 +185,34 @@ def test_numba_cache_dir_is_respected(tmp_path: Path):
     told = process(SHOW, NUMBA_CACHE_DIR=str(mine), XDG_CACHE_HOME=str(other))
     assert Path(told.stdout.strip()).is_relative_to(mine)
     assert not other.exists()
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="folders have an owner and a mode")
+@pytest.mark.parametrize("whose", ["another user", "others can write"])
+def test_kernels_that_somebody_else_may_have_written_are_not_read(
+    whose: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """Numba's cache consists of pickles: reading them runs them."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    own = cache.open_cache()
+    assert own.is_relative_to(tmp_path) and own.stat().st_mode & 0o777 == 0o700
+    assert cache.open_cache() == own
+    if whose == "another user":
+        monkeypatch.setattr(os, "getuid", lambda: own.stat().st_uid + 1)
+    else:
+        own.chmod(0o770)
+    with pytest.warns(NoKernelCache, match=whose):
+        assert not cache.open_cache().is_relative_to(tmp_path)
+
+
+def test_a_folder_of_folders_made_under_another_umask_is_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    home = tmp_path / "nsaid-mj"
+    home.mkdir()
+    home.chmod(0o775)
+    assert cache.open_cache().parent == home and home.stat().st_mode & 0o777 == 0o700
 
 
 def test_a_relative_cache_home_is_ignored(tmp_path: Path):

@@ -175,8 +175,16 @@ def test_an_unevenly_sampled_log_is_refused(pendulum):
 # -- the methods -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", BATCH)
-@pytest.mark.parametrize("scenario", ["double_pendulum", "scalar_rov", "f1tenth"])
+@pytest.mark.parametrize(
+    ("scenario", "name"),
+    [
+        pytest.param(scenario, name, marks=pytest.mark.slow)
+        if (scenario, name) == ("f1tenth", "ekf")
+        else (scenario, name)
+        for scenario in ("double_pendulum", "scalar_rov", "f1tenth")
+        for name in BATCH
+    ],
+)
 def test_every_method_approaches_the_truth_on_exact_data(name, scenario):
     seconds = 6.0 if scenario == "double_pendulum" else 40.0
     here, found = world(scenario, seconds), estimated(name, scenario, seconds)
@@ -341,6 +349,7 @@ def test_sysids_model_accelerates_as_the_structure(robot):
 
 
 @needs_toolbox
+@pytest.mark.slow  # that its fit runs and helps is in tests/clinic/servos/test_comparison.py, too
 def test_sysid_identifies_an_arm_within_its_time_budget():
     import time
 

@@ -120,7 +120,7 @@ def test_a_truncated_record_gives_whole_batches_or_BadRun(tmp_path):
     write(tmp_path / "whole", values, batch)
     whole = (tmp_path / "whole").read_bytes()
     lengths = []
-    for cut in range(len(whole)):
+    for cut in range(0, len(whole), 3):  # all remainders of 8, to which Arrow aligns
         (tmp_path / "cut").write_bytes(whole[:cut])
         try:
             record = Record.read(tmp_path / "cut")

@@ -135,6 +135,7 @@ def test_the_number_of_workers_changes_no_result(sweep: Runs, tmp_path: Path) ->
     assert results(run_sweep(PLAN, tmp_path, Engine(jobs=1), quiet=True)) == results(sweep)
 
 
+@pytest.mark.slow  # tests/faults/test_sweep_faults.py has a cluster in memory
 def test_a_dask_cluster_gives_the_same_results(sweep: Runs, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
