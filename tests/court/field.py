@@ -82,7 +82,8 @@ def cause(kind: str, seed: int, folder: Path) -> Tried:
     _, good, _ = drawn.write(folder / "healthy", healthy=True)
     given = fix(good, drawn.map, robot).before
     tried = Tried(f"{drawn.simulated.case.robot}: {drawn.words or 'healthy'}")
-    if refusals(given.findings) and drawn.codes:  # such as an arm beyond the limits of its model
+    if (raised := refusals(given.findings)) and drawn.codes:  # counted where nothing is changed
+        tried.said = str(raised[0])
         tried.outcome = NOT_RUN
         return tried
     found = fix(logs, drawn.map, robot)

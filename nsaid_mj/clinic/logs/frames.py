@@ -6,7 +6,7 @@ not, the axes, signs, order or frame under which they would are searched for, al
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from itertools import permutations, product
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ from ...base import Finding
 from ...core import Array, number
 from ...robots import RobotModel
 from . import signals
+from .causes import DEGREES, clock_of_file, nice
 from .layout import FRD, NED, pose_velocity
 from .mapping import Vehicle
 from .recordings import Recordings
@@ -27,6 +28,7 @@ _HALF = 0.5  # ratio of errors below which they are
 _UNRELATED = 0.6  # error above which a velocity follows from the pose in no axes
 _UNUSUAL = 0.02  # handicap of each axis that is turned
 _CHANGED = 0.05  # handicap of another order or direction of the quaternion, or frame
+_GOOD = 0.3  # error below which a velocity's scale is that of the pose's derivative
 _OFF = 0.3  # what a velocity of another scale than the pose's adds to its error
 _FACTOR = 0.15  # relative error of a velocity's scale that noise does not explain
 _ALIKE = 0.08  # relative difference of the scales of both velocities that a clock explains
@@ -67,13 +69,11 @@ class Pose(NamedTuple):
 
 def frame_causes(recordings: Recordings, robot: RobotModel) -> list[Finding]:
     """Findings about the axes of a vehicle's pose and velocities, and its clock."""
-    segments = max(recordings.segments, key=lambda segment: len(segment.log.t))
-    _, q, v, _ = segments.log
-    if robot.system.group == 6:  # what a vehicle carries, such as an arm, has its own joints
-        q = q[:, :7]
-        v = v[:, :6]
-    rate = recordings.rate
     vehicle = recordings.vehicle
+    rate = recordings.rate
+    found = _clocks_of_files(recordings, robot)
+    accused = {finding.where for finding in found}
+    q, v = _longest_of(recordings, robot, accused)
     if vehicle is not None and vehicle.linear is None:
         return []
     judged = []
@@ -93,8 +93,8 @@ def frame_causes(recordings: Recordings, robot: RobotModel) -> list[Finding]:
     whose = "twist"
     if all(np.array_equal(m.turn, FRD) for m in matches):
         whose = _wrong_one(recordings, robot)
-    found = _turned(pose, matches, own, vehicle, whose)
-    found += _clock(matches)
+    found += _turned(pose, matches, own, vehicle, whose)
+    found += _clock(matches) if not accused else []
     if not found:
         found += _driven(recordings, robot)
     lost = [m for m in matches if m.error > _UNRELATED]
@@ -104,6 +104,40 @@ def frame_causes(recordings: Recordings, robot: RobotModel) -> list[Finding]:
         remedy = "Check its columns, or leave out `linear` and `angular` to differentiate the pose."
         found.append(Finding("warning", "frame", match.part.name, text, remedy))
     return found
+
+
+def _longest_of(
+    recordings: Recordings, robot: RobotModel, but: Container[str] = ()
+) -> tuple[Array, Array]:
+    """Pose (N, m) and twist (N, n) of the longest segment, if possible not of some files."""
+    segments = [segment for segment in recordings.segments if segment.source not in but]
+    log = max((segment.log for segment in segments or recordings.segments), key=lambda x: len(x.t))
+    if robot.system.group == 6:  # what a vehicle carries, such as an arm, has its own joints
+        return log.q[:, :7], log.v[:, :6]
+    return log.q, log.v
+
+
+def _clocks_of_files(recordings: Recordings, robot: RobotModel) -> list[Finding]:
+    """Findings about files whose clock differs from that of others."""
+    files = list(dict.fromkeys(segment.source for segment in recordings.segments))
+    vehicle = recordings.vehicle
+    if len(files) < 2 or (vehicle is not None and vehicle.linear is None):
+        return []
+    factors = {}
+    for file in files:
+        q, v = _longest_of(recordings, robot, set(files) - {file})
+        good = [m for m in map(_best, _parts(q, v, recordings.rate, vehicle)) if m.error < _GOOD]
+        scales = [m.scale for m in good]
+        if len(good) < 2 or abs(np.log(scales[0] / scales[1])) > _ALIKE:
+            return []
+        factors[file] = float(np.sqrt(scales[0] * scales[1]))
+    if max(factors.values()) < (1 + _FACTOR) * min(factors.values()):
+        return []
+    return [
+        clock_of_file(factor, file, factors)
+        for file, factor in factors.items()
+        if abs(factor - 1) > _FACTOR
+    ]
 
 
 def _poses(q: Array, vehicle: Vehicle | None) -> Iterator[Pose]:
@@ -333,9 +367,7 @@ def _off(match: Match) -> bool:
 
 def _clock(matches: Sequence[Match]) -> list[Finding]:
     """The finding of a clock, or of one velocity in another unit."""
-    from .causes import DEGREES, nice
-
-    good = [m for m in matches if m.error < 0.3]
+    good = [m for m in matches if m.error < _GOOD]
     off = [m for m in good if _off(m)]
     if not off:
         return []
