@@ -11,6 +11,7 @@ from itertools import permutations, product
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from scipy.spatial.transform import Rotation
 
 from ...base import Finding
@@ -35,6 +36,9 @@ _ALIKE = 0.08  # relative difference of the scales of both velocities that a clo
 _BAND = 5.0  # cut-off over the frequency of the motion
 _LOUD = 3.0  # velocity over its noise below which an axis counts for little
 _ROWS = 4000  # at most, for the sheet's forces
+_UNSURE = 2.5  # factor by which a sheet's numbers may be off
+_TRUST = 0.03  # error of the forces for which one of them is off by 100 %
+_BALANCED = 0.02  # error up to which forces are equally good
 _DRIVES = 0.6  # ratio of the errors of the sheet's forces below which other axes are certain
 
 
@@ -403,7 +407,7 @@ def _driven(recordings: Recordings, robot: RobotModel) -> list[Finding]:
     vehicle = recordings.vehicle
     q, v, u = _longest(recordings)
     own = _balance(robot, q, v, u, recordings.rate)
-    trials: list[tuple[float, str, str, dict[str, object]]] = []
+    trials: list[tuple[Array, str, str, dict[str, object]]] = []
     if robot.system.group == 6 and vehicle is not None:
         frame = "NED/FRD" if vehicle.frame == "ENU/FLU" else "ENU/FLU"
         text = f"pose and velocities are in {frame} axes"
@@ -414,11 +418,13 @@ def _driven(recordings: Recordings, robot: RobotModel) -> list[Finding]:
         trials.append(
             (error, "reversed_sign", "all commands are reversed", {"factors.command": -1})
         )
-    error, code, text, changes = min(trials, default=(np.inf, "", "", {}), key=lambda one: one[0])
-    if not error < _DRIVES * own:
+    if not trials:
         return []
-    text += f": the sheet's forces then fit with {100 * error:.2g} % error instead of "
-    text += f"{100 * own:.2g} %"
+    error, code, text, changes = min(trials, key=lambda one: _ratio(one[0], own))
+    if not _ratio(error, own) < _DRIVES:
+        return []
+    text += f": the sheet's forces then fit with {100 * error.mean():.2g} % error instead of "
+    text += f"{100 * own.mean():.2g} %"
     return [Finding("refusal", code, "", text, remedy_of(changes), {"map": changes})]
 
 
@@ -427,7 +433,12 @@ def _wrong_one(recordings: Recordings, robot: RobotModel) -> str:
     q, v, u = _longest(recordings)
     by_twist = _balance(robot, q, _other_twist(v), u, recordings.rate)
     by_pose = _balance(robot, _other_pose(q), v, u, recordings.rate)
-    return "pose" if by_pose < by_twist else "twist"
+    return "pose" if _ratio(by_pose, by_twist) < 1 else "twist"
+
+
+def _ratio(errors: Array, others: Array) -> float:
+    """Geometric mean of the velocities' (n,) errors over others."""
+    return float(np.exp(np.mean(np.log(errors / others))))
 
 
 def _longest(recordings: Recordings) -> tuple[Array, Array, Array]:
@@ -447,10 +458,10 @@ def _other_twist(v: Array) -> Array:
     return np.hstack([v[:, :3] @ FRD, v[:, 3:6] @ FRD, v[:, 6:]])
 
 
-def _balance(robot: RobotModel, q: Array, v: Array, u: Array, rate: float) -> float:
-    """Error of the forces of a vehicle's sheet along a motion, over their size, 0 to 1.
+def _balance(robot: RobotModel, q: Array, v: Array, u: Array, rate: float) -> Array:
+    """(n,) errors of the forces of a vehicle's sheet along a motion, over the size of all forces.
 
-    Actuators may have any common strength; the mean over the velocities that they move.
+    Its numbers are as uncertain as sheets are, none of another sign.
     """
     system = robot.system
     space = system.space
@@ -459,11 +470,25 @@ def _balance(robot: RobotModel, q: Array, v: Array, u: Array, rate: float) -> fl
     a = np.gradient(slow, 1 / rate, axis=0)
     x = np.hstack([q, slow])
     W = system.regressor(np.arange(len(q)) / rate, x, slow, a, u)
+    W = np.where(np.isfinite(W), W, 0.0)  # a tyre at rest has no slip
     acting = np.zeros(len(space), bool)
     acting[space.actuators] = True
     assert robot.prior is not None  # every vehicle has one
-    forces = [signals.low_pass(W[:, :, own] @ robot.prior[own], cut) for own in (acting, ~acting)]
-    sizes = [np.sqrt(np.mean(x**2, axis=0)) for x in forces]
-    moved = sizes[0] > 0.02 * sizes[0].max()
-    error = np.sqrt(np.mean((forces[0] + forces[1]) ** 2, axis=0)) / np.maximum(sum(sizes), 1e-300)
-    return float(np.mean(error[moved])) if moved.any() else 1.0
+    parts = np.stack([signals.low_pass(F, cut) for F in np.moveaxis(W * robot.prior, 2, 0)], axis=2)
+    units = np.array(system.velocity_units)
+    alike = (units[:, None] == units).astype(float)  # velocities of one unit share a size
+    size = np.sqrt(alike @ np.mean(parts[:, :, acting].sum(axis=2) ** 2, axis=0))
+    share = _shares(parts / np.maximum(size[:, None], 1e-300))
+    forces = [parts[:, :, own] @ share[own] for own in (acting, ~acting)]
+    size = np.sqrt(alike @ sum(np.mean(x**2, axis=0) for x in forces))
+    error = np.sqrt(np.mean((forces[0] + forces[1]) ** 2, axis=0)) / np.maximum(size, 1e-300)
+    return np.maximum(error, _BALANCED)
+
+
+def _shares(parts: Array) -> Array:
+    """(p,) parameters over those of the sheet with which forces (N, k, p) balance best."""
+    p = parts.shape[2]
+    rows = parts.reshape(-1, p) / np.sqrt(parts.shape[0] * parts.shape[1])
+    A = np.vstack([np.linalg.qr(rows, mode="r"), _TRUST * np.eye(p)])
+    b = np.r_[np.zeros(len(A) - p), _TRUST * np.ones(p)]
+    return np.asarray(scipy.optimize.lsq_linear(A, b, bounds=(1 / _UNSURE, _UNSURE)).x)
