@@ -242,7 +242,7 @@ def _motor_side(rng: Any, tables: list[Table], own: dict) -> Change:
     ratio = float(rng.choice([6.0, 9.0, 30.0, 50.0, 80.0, 100.0, 101.0, 121.0, 160.0]))
     _times(tables, own["turning"], "position", ratio)
     _times(tables, own["turning"], "velocity", ratio)
-    return Change(("motor_side",), (), f"{own['turning']} before gears of {ratio:g}")
+    return Change(("motor_side",), ("gears",), f"{own['turning']} before gears of {ratio:g}")
 
 
 def _unit_of_velocities(rng: Any, tables: list[Table], own: dict) -> Change:
