@@ -64,11 +64,11 @@ class Tried:
         return asdict(self)
 
     def believe(self, found: Judgement) -> None:
-        """Takes what is wrong with a result that nothing doubts; `right` unless it is wrong."""
+        """Takes what is wrong with a result that nothing doubts; `right` unless wrong or refused."""
         confident = found.manner == "confident"
         self.confident |= confident
         self.wrong += found.wrong if confident else []
-        self.right = not found.wrong
+        self.right = not found.wrong and not found.figures.get("refused")
 
 
 # -- one cause ------------------------------------------------------------------------------------
@@ -140,7 +140,8 @@ def _judged(model: str, drawn: field_causes.Drawn, logs: Sequence[Path], text: s
 
 
 def _refused(error: UnusableLog) -> Judgement:
-    return Judgement(flagged=[str(finding) for finding in refusals(error.findings)])
+    said = [str(finding) for finding in refusals(error.findings)]
+    return Judgement(flagged=said, figures={"refused": True})
 
 
 # -- no cause, identified as they are -------------------------------------------------------------
