@@ -64,11 +64,11 @@ class Tried:
         return asdict(self)
 
     def believe(self, found: Judgement) -> None:
-        """Takes what is wrong with a result that nothing doubts; `right` unless it is wrong."""
+        """Takes what is wrong with a result that nothing doubts; `right` unless wrong or refused."""
         confident = found.manner == "confident"
         self.confident |= confident
         self.wrong += found.wrong if confident else []
-        self.right = not found.wrong
+        self.right = not found.wrong and not found.figures.get("refused")
 
 
 # -- one cause ------------------------------------------------------------------------------------
@@ -82,7 +82,8 @@ def cause(kind: str, seed: int, folder: Path) -> Tried:
     _, good, _ = drawn.write(folder / "healthy", healthy=True)
     given = fix(good, drawn.map, robot).before
     tried = Tried(f"{drawn.simulated.case.robot}: {drawn.words or 'healthy'}")
-    if refusals(given.findings) and drawn.codes:  # such as an arm beyond the limits of its model
+    if (raised := refusals(given.findings)) and drawn.codes:  # counted where nothing is changed
+        tried.said = str(raised[0])
         tried.outcome = NOT_RUN
         return tried
     found = fix(logs, drawn.map, robot)
@@ -139,7 +140,8 @@ def _judged(model: str, drawn: field_causes.Drawn, logs: Sequence[Path], text: s
 
 
 def _refused(error: UnusableLog) -> Judgement:
-    return Judgement(flagged=[str(finding) for finding in refusals(error.findings)])
+    said = [str(finding) for finding in refusals(error.findings)]
+    return Judgement(flagged=said, figures={"refused": True})
 
 
 # -- no cause, identified as they are -------------------------------------------------------------

@@ -242,7 +242,7 @@ def _motor_side(rng: Any, tables: list[Table], own: dict) -> Change:
     ratio = float(rng.choice([6.0, 9.0, 30.0, 50.0, 80.0, 100.0, 101.0, 121.0, 160.0]))
     _times(tables, own["turning"], "position", ratio)
     _times(tables, own["turning"], "velocity", ratio)
-    return Change(("motor_side",), (), f"{own['turning']} before gears of {ratio:g}")
+    return Change(("motor_side",), ("gears",), f"{own['turning']} before gears of {ratio:g}")
 
 
 def _unit_of_velocities(rng: Any, tables: list[Table], own: dict) -> Change:
@@ -317,22 +317,24 @@ def _vehicle(rng: Any, seed: int, kind: str, robot: str, files: int) -> tuple[li
     robot = robot or str(rng.choice(list(VEHICLES)))
     what, duration = VEHICLES[robot]
     levels = robot, what, "own", "noise", "nominal", None, duration, 0.0, "none", 0.0
-    found = simulated(Case(0, seed, "identify", *levels))
-    log = found.log
-    table = {"t": log.t}
-    table |= dict(zip(_POSE, log.q.T, strict=True))
-    table |= dict(zip(_TWIST, log.v.T, strict=True))
+    runs = [simulated(Case(0, seed + 1000 * k, "identify", *levels)) for k in range(files)]
     from nsaid_mj.clinic.identify.models import load_robot_model
 
     names = load_robot_model(robot, (), None).joints
-    table |= {f"u{k}": column for k, column in enumerate(log.u.T, 1)}
+    tables = []
+    for log in (found.log for found in runs):
+        table = {"t": log.t}
+        table |= dict(zip(_POSE, log.q.T, strict=True))
+        table |= dict(zip(_TWIST, log.v.T, strict=True))
+        tables.append(table | {f"u{k}": column for k, column in enumerate(log.u.T, 1)})
+    found = runs[0]
     lines = "".join(f'"{name}" = {{ column = "u{k}" }}\n' for k, name in enumerate(names, 1))
     text = _MAP
     if kind.startswith("Euler"):
-        _set(table, _EULER, _euler(table))
+        _set(tables[0], _EULER, _euler(tables[0]))
         text = re.sub(r"quaternion = .*\norder = .*\n", 'euler = ["roll", "pitch", "yaw"]\n', _MAP)
     own = {"model": robot, "map": text + lines, "lock": (), "names": names, "simulated": found}
-    return [table], own
+    return tables, own
 
 
 def _set(table: Table, names: tuple[str, ...], values: np.ndarray) -> None:
@@ -347,6 +349,12 @@ def _vehicle_clock(rng: Any, tables: list[Table], own: dict) -> Change:
     k = float(rng.choice(_CLOCKS[1:-1]))
     tables[0]["t"] = tables[0]["t"] / k
     return Change(("clock",), (), f"time divided by {k:g}")
+
+
+def _vehicle_clock_of_file(rng: Any, tables: list[Table], own: dict) -> Change:
+    k = float(rng.choice(_CLOCKS[1:-2]))
+    tables[1]["t"] = tables[1]["t"] / k
+    return Change(("clock",), ("log_2",), f"time of log_2 divided by {k:g}")
 
 
 def _rates_signs(rng: Any, tables: list[Table], own: dict) -> Change:
@@ -438,6 +446,7 @@ def _vehicle_reversed(rng: Any, tables: list[Table], own: dict) -> Change:
 VEHICLE_KINDS: dict[str, Callable[[Any, list[Table], dict], Change]] = {
     "vehicle, healthy": _healthy,
     "vehicle's clock": _vehicle_clock,
+    "vehicle's clock of a file": _vehicle_clock_of_file,
     "signs of rates": _rates_signs,
     "order of rates": _rates_order,
     "twist in FRD": _twist_in_frd,

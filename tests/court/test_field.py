@@ -70,6 +70,12 @@ def test_a_doubted_answer_after_a_confident_one_hides_nothing():
     assert draw.confident and draw.wrong == ["gain_1"] and draw.right is False
 
 
+def test_a_mended_log_that_is_refused_does_not_end_right():
+    draw = Tried("a draw")
+    draw.believe(Judgement(flagged=["short"], figures={"refused": True}))
+    assert draw.right is False and not draw.confident
+
+
 def test_the_table_counts_each_kind_and_all():
     good = Tried("x", named=True, alone=True, right=True).keys()
     bad = Tried("x", alone=False, right=False, confident=True, wrong=["gain_1"]).keys()

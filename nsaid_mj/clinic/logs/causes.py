@@ -191,12 +191,17 @@ def _clocks_of_files(motion: LogMotion, measured: Sequence[int]) -> tuple[list[F
     found = []
     for file, factor in factors.items():
         if abs(factor - 1) > FACTOR:
-            cause = clock_cause(nice(factor), file)
-            motion = cause.apply(motion)
-            data = {"factor": factor, "map": cause.changes, "factors": factors}
-            text = f"{cause.text}, unlike in other files"
-            found.append(Finding("refusal", "clock", file, text, remedy_of(cause.changes), data))
+            motion = clock_cause(nice(factor), file).apply(motion)
+            found.append(clock_of_file(factor, file, factors))
     return found, motion
+
+
+def clock_of_file(factor: float, file: str, factors: dict[str, float]) -> Finding:
+    """The finding of a file whose clock has another factor than those of the other files."""
+    cause = clock_cause(nice(factor), file)
+    data = {"factor": factor, "map": cause.changes, "factors": factors}
+    text = f"{cause.text}, unlike in other files"
+    return Finding("refusal", "clock", file, text, remedy_of(cause.changes), data)
 
 
 def clock_cause(factor: float, file: str = "") -> Cause:

@@ -6,17 +6,19 @@ not, the axes, signs, order or frame under which they would are searched for, al
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from itertools import permutations, product
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from scipy.spatial.transform import Rotation
 
 from ...base import Finding
 from ...core import Array, number
 from ...robots import RobotModel
 from . import signals
+from .causes import DEGREES, clock_of_file, nice
 from .layout import FRD, NED, pose_velocity
 from .mapping import Vehicle
 from .recordings import Recordings
@@ -27,12 +29,16 @@ _HALF = 0.5  # ratio of errors below which they are
 _UNRELATED = 0.6  # error above which a velocity follows from the pose in no axes
 _UNUSUAL = 0.02  # handicap of each axis that is turned
 _CHANGED = 0.05  # handicap of another order or direction of the quaternion, or frame
+_GOOD = 0.3  # error below which a velocity's scale is that of the pose's derivative
 _OFF = 0.3  # what a velocity of another scale than the pose's adds to its error
 _FACTOR = 0.15  # relative error of a velocity's scale that noise does not explain
 _ALIKE = 0.08  # relative difference of the scales of both velocities that a clock explains
 _BAND = 5.0  # cut-off over the frequency of the motion
 _LOUD = 3.0  # velocity over its noise below which an axis counts for little
 _ROWS = 4000  # at most, for the sheet's forces
+_UNSURE = 2.5  # factor by which a sheet's numbers may be off
+_TRUST = 0.03  # error of the forces for which one of them is off by 100 %
+_BALANCED = 0.02  # error up to which forces are equally good
 _DRIVES = 0.6  # ratio of the errors of the sheet's forces below which other axes are certain
 
 
@@ -67,13 +73,11 @@ class Pose(NamedTuple):
 
 def frame_causes(recordings: Recordings, robot: RobotModel) -> list[Finding]:
     """Findings about the axes of a vehicle's pose and velocities, and its clock."""
-    segments = max(recordings.segments, key=lambda segment: len(segment.log.t))
-    _, q, v, _ = segments.log
-    if robot.system.group == 6:  # what a vehicle carries, such as an arm, has its own joints
-        q = q[:, :7]
-        v = v[:, :6]
-    rate = recordings.rate
     vehicle = recordings.vehicle
+    rate = recordings.rate
+    found = _clocks_of_files(recordings, robot)
+    accused = {finding.where for finding in found}
+    q, v = _longest_of(recordings, robot, accused)
     if vehicle is not None and vehicle.linear is None and vehicle.angular is None:
         return []
     judged = []
@@ -93,8 +97,8 @@ def frame_causes(recordings: Recordings, robot: RobotModel) -> list[Finding]:
     whose = "twist"
     if all(np.array_equal(m.turn, FRD) for m in matches):
         whose = _wrong_one(recordings, robot)
-    found = _turned(pose, matches, own, vehicle, whose)
-    found += _clock(matches)
+    found += _turned(pose, matches, own, vehicle, whose)
+    found += _clock(matches) if not accused else []
     if not found:
         found += _driven(recordings, robot)
     lost = [m for m in matches if m.error > _UNRELATED]
@@ -104,6 +108,40 @@ def frame_causes(recordings: Recordings, robot: RobotModel) -> list[Finding]:
         remedy = "Check its columns, or leave out `linear` and `angular` to differentiate the pose."
         found.append(Finding("warning", "frame", match.part.name, text, remedy))
     return found
+
+
+def _longest_of(
+    recordings: Recordings, robot: RobotModel, but: Container[str] = ()
+) -> tuple[Array, Array]:
+    """Pose (N, m) and twist (N, n) of the longest segment, if possible not of some files."""
+    segments = [segment for segment in recordings.segments if segment.source not in but]
+    log = max((segment.log for segment in segments or recordings.segments), key=lambda x: len(x.t))
+    if robot.system.group == 6:  # what a vehicle carries, such as an arm, has its own joints
+        return log.q[:, :7], log.v[:, :6]
+    return log.q, log.v
+
+
+def _clocks_of_files(recordings: Recordings, robot: RobotModel) -> list[Finding]:
+    """Findings about files whose clock differs from that of others."""
+    files = list(dict.fromkeys(segment.source for segment in recordings.segments))
+    vehicle = recordings.vehicle
+    if len(files) < 2 or (vehicle is not None and vehicle.linear is None):
+        return []
+    factors = {}
+    for file in files:
+        q, v = _longest_of(recordings, robot, set(files) - {file})
+        good = [m for m in map(_best, _parts(q, v, recordings.rate, vehicle)) if m.error < _GOOD]
+        scales = [m.scale for m in good]
+        if len(good) < 2 or abs(np.log(scales[0] / scales[1])) > _ALIKE:
+            return []
+        factors[file] = float(np.sqrt(scales[0] * scales[1]))
+    if max(factors.values()) < (1 + _FACTOR) * min(factors.values()):
+        return []
+    return [
+        clock_of_file(factor, file, factors)
+        for file, factor in factors.items()
+        if abs(factor - 1) > _FACTOR
+    ]
 
 
 def _poses(q: Array, vehicle: Vehicle | None) -> Iterator[Pose]:
@@ -334,9 +372,7 @@ def _off(match: Match) -> bool:
 
 def _clock(matches: Sequence[Match]) -> list[Finding]:
     """The finding of a clock, or of one velocity in another unit."""
-    from .causes import DEGREES, nice
-
-    good = [m for m in matches if m.error < 0.3]
+    good = [m for m in matches if m.error < _GOOD]
     off = [m for m in good if _off(m)]
     if not off:
         return []
@@ -372,7 +408,7 @@ def _driven(recordings: Recordings, robot: RobotModel) -> list[Finding]:
     vehicle = recordings.vehicle
     q, v, u = _longest(recordings)
     own = _balance(robot, q, v, u, recordings)
-    trials: list[tuple[float, str, str, dict[str, object]]] = []
+    trials: list[tuple[Array, str, str, dict[str, object]]] = []
     if robot.system.group == 6 and vehicle is not None:
         frame = "NED/FRD" if vehicle.frame == "ENU/FLU" else "ENU/FLU"
         text = f"pose and velocities are in {frame} axes"
@@ -383,11 +419,13 @@ def _driven(recordings: Recordings, robot: RobotModel) -> list[Finding]:
         trials.append(
             (error, "reversed_sign", "all commands are reversed", {"factors.command": -1})
         )
-    error, code, text, changes = min(trials, default=(np.inf, "", "", {}), key=lambda one: one[0])
-    if not error < _DRIVES * own:
+    if not trials:
         return []
-    text += f": the sheet's forces then fit with {100 * error:.2g} % error instead of "
-    text += f"{100 * own:.2g} %"
+    error, code, text, changes = min(trials, key=lambda one: _ratio(one[0], own))
+    if not _ratio(error, own) < _DRIVES:
+        return []
+    text += f": the sheet's forces then fit with {100 * error.mean():.2g} % error instead of "
+    text += f"{100 * own.mean():.2g} %"
     return [Finding("refusal", code, "", text, remedy_of(changes), {"map": changes})]
 
 
@@ -396,7 +434,12 @@ def _wrong_one(recordings: Recordings, robot: RobotModel) -> str:
     q, v, u = _longest(recordings)
     by_twist = _balance(robot, q, _other_twist(v), u, recordings)
     by_pose = _balance(robot, _other_pose(q), v, u, recordings)
-    return "pose" if by_pose < by_twist else "twist"
+    return "pose" if _ratio(by_pose, by_twist) < 1 else "twist"
+
+
+def _ratio(errors: Array, others: Array) -> float:
+    """Geometric mean of the velocities' (n,) errors over others."""
+    return float(np.exp(np.mean(np.log(errors / others))))
 
 
 def _longest(recordings: Recordings) -> tuple[Array, Array, Array]:
@@ -416,10 +459,11 @@ def _other_twist(v: Array) -> Array:
     return np.hstack([v[:, :3] @ FRD, v[:, 3:6] @ FRD, v[:, 6:]])
 
 
-def _balance(robot: RobotModel, q: Array, v: Array, u: Array, recordings: Recordings) -> float:
-    """Error of the forces of a vehicle's sheet along a motion, over their size, 0 to 1.
+def _balance(robot: RobotModel, q: Array, v: Array, u: Array, recordings: Recordings) -> Array:
+    """(n,) errors of the forces of a vehicle's sheet along a motion, over the size of all forces.
 
-    Actuators may have any common strength; the mean over the measured velocities that they move.
+    Its numbers are as uncertain as sheets are, none of another sign. Without the linear velocities
+    where these are not measured.
     """
     system = robot.system
     rate = recordings.rate
@@ -429,12 +473,27 @@ def _balance(robot: RobotModel, q: Array, v: Array, u: Array, recordings: Record
     a = np.gradient(slow, 1 / rate, axis=0)
     x = np.hstack([q, slow])
     W = system.regressor(np.arange(len(q)) / rate, x, slow, a, u)
+    W = np.where(np.isfinite(W), W, 0.0)  # a tyre at rest has no slip
     acting = np.zeros(len(space), bool)
     acting[space.actuators] = True
     assert robot.prior is not None  # every vehicle has one
-    forces = [signals.low_pass(W[:, :, own] @ robot.prior[own], cut) for own in (acting, ~acting)]
-    sizes = [np.sqrt(np.mean(x**2, axis=0)) for x in forces]
-    moved = sizes[0] > 0.02 * sizes[0].max()
-    moved[: 3 if recordings.turns_only else 0] = False
-    error = np.sqrt(np.mean((forces[0] + forces[1]) ** 2, axis=0)) / np.maximum(sum(sizes), 1e-300)
-    return float(np.mean(error[moved])) if moved.any() else 1.0
+    measured = slice(3 if recordings.turns_only else 0, None)
+    W = W[:, measured]
+    parts = np.stack([signals.low_pass(F, cut) for F in np.moveaxis(W * robot.prior, 2, 0)], axis=2)
+    units = np.array(system.velocity_units[measured])
+    alike = (units[:, None] == units).astype(float)  # velocities of one unit share a size
+    size = np.sqrt(alike @ np.mean(parts[:, :, acting].sum(axis=2) ** 2, axis=0))
+    share = _shares(parts / np.maximum(size[:, None], 1e-300))
+    forces = [parts[:, :, own] @ share[own] for own in (acting, ~acting)]
+    size = np.sqrt(alike @ sum(np.mean(x**2, axis=0) for x in forces))
+    error = np.sqrt(np.mean((forces[0] + forces[1]) ** 2, axis=0)) / np.maximum(size, 1e-300)
+    return np.maximum(error, _BALANCED)
+
+
+def _shares(parts: Array) -> Array:
+    """(p,) parameters over those of the sheet with which forces (N, k, p) balance best."""
+    p = parts.shape[2]
+    rows = parts.reshape(-1, p) / np.sqrt(parts.shape[0] * parts.shape[1])
+    A = np.vstack([np.linalg.qr(rows, mode="r"), _TRUST * np.eye(p)])
+    b = np.r_[np.zeros(len(A) - p), _TRUST * np.ones(p)]
+    return np.asarray(scipy.optimize.lsq_linear(A, b, bounds=(1 / _UNSURE, _UNSURE)).x)

@@ -25,15 +25,18 @@ def _drawn(kind: str = "vehicle, healthy") -> Drawn:
     return draw(0, kind, "bluerov2")
 
 
-def _findings(text: str, table: dict[str, np.ndarray]) -> list[Finding]:
+def _findings(text: str, *tables: dict[str, np.ndarray]) -> list[Finding]:
     mapping = map_of(tomllib.loads(text))
-    t = mapping.time.scale * table["t"]
-    channels = {n: Channel(t, x) for n, x in table.items() if n != "t"}
-    found = checks(prepare([LogTable("log.csv", channels, 0)], mapping, ROBOT), ROBOT)
+    logs = []
+    for k, table in enumerate(tables, 1):
+        t = mapping.time.scale * table["t"]
+        channels = {n: Channel(t, x) for n, x in table.items() if n != "t"}
+        logs.append(LogTable(f"log_{k}.csv", channels, 0))
+    found = checks(prepare(logs, mapping, ROBOT), ROBOT)
     return [finding for finding in found if finding.level == "refusal"]
 
 
-@pytest.mark.parametrize("kind", VEHICLE_KINDS)
+@pytest.mark.parametrize("kind", [kind for kind in VEHICLE_KINDS if "of a file" not in kind])
 def test_each_cause_is_one_finding_whose_remedy_mends_the_log(kind):
     healthy = _drawn("Euler angles, healthy") if kind.startswith("Euler") else _drawn()
     tables = [dict(table) for table in healthy.tables]
@@ -45,6 +48,13 @@ def test_each_cause_is_one_finding_whose_remedy_mends_the_log(kind):
         assert words in found[0].text
     if found:
         assert _findings(mended(healthy.map, remedies(found)), tables[0]) == []
+
+
+def test_a_clock_of_one_file_is_named_with_the_file():
+    table = dict(_drawn().tables[0])
+    (finding,) = _findings(_drawn().map, table, table | {"t": table["t"] / 0.4})
+    assert (finding.code, finding.where) == ("clock", "log_2.csv")
+    assert finding.data["map"] == {'files."log_2.csv".scale': 0.4}
 
 
 def test_axes_stated_as_north_east_down_are_mended_in_these():
