@@ -21,7 +21,7 @@ CHOICES = {
         "spring",
         "offset",
     ),
-    "column of a vehicle": ("damping", "offset"),
+    "column of a vehicle": ("manoeuvring", "damping", "offset"),
     "frame": ("ENU/FLU", "NED/FRD"),
     "criterion": ("bound", "condition", "d-optimal"),
     "method": ("conventional", *_LAWS, "ols", "wls", "tls", "rls", "ekf", "sysid"),

@@ -186,7 +186,8 @@ def _identification(
     explains, sentence = verdict(joints, found, scale, robot.held)
     common = np.zeros(2 * fit.theta.shape) if scale.fixed else scale.weights
     parameters = parameters_in_words(problem, fit, exact, gain_spread, common)
-    found += [] if recordings.turns_only else added_mass(robot, parameters)
+    if not recordings.turns_only and "manoeuvring" not in joints[0].columns:
+        found += added_mass(robot, parameters)
     checked = None
     if validating is not None and made.checked is not None:
         checked = _curves(made.checked, fit.theta, validating)
@@ -323,6 +324,7 @@ def _change(
     start = other.prior.copy()
     change = np.zeros(len(problem.space))
     start[theirs] = fit.theta[own]
+    start = np.where(other.known, other.prior, start)
     found = minimise(other, tempered(other, share), start)
     if rival:
         change = -fit.theta * ~np.isin(problem.space.names, other.space.names)

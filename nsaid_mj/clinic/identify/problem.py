@@ -122,7 +122,8 @@ class FitProblem:
 
         matrices = ~np.isin(self.space.geometries, ("positive", "free"))
         inertial = self.Y[:, :, matrices] @ theta[matrices]
-        return deviation(self.actuation(theta)), deviation(inertial)
+        moving = theta if self.steady is None else np.where(self.steady, 0.0, theta)
+        return deviation(self.actuation(moving)), deviation(inertial)
 
 
 def mean_squares(x: Array, usable: Mask) -> Array:

@@ -3,8 +3,8 @@
 The equations of roll, pitch and yaw need the linear velocity where it turns the vehicle (Munk's
 moment, inertia and lift off the centre of mass). It is taken from the sheet: its equations of
 surge, sway and heave are integrated under the measured rotation and commands, along with the depth
-where that is measured. What this assumes is told by a second fit, in which the unmeasured part of
-the velocity is 0, and widens the intervals. Equations of translation are used only where their
+where that is measured. What this assumes is told by further fits, with less of that velocity along
+one axis each, and widens the intervals. Equations of translation are used only where their
 acceleration is measured, and where the unmeasured velocity hardly matters to them.
 """
 
@@ -26,6 +26,7 @@ from ..logs.signals import low_pass
 ALONE = "rotation_alone"
 """Code of the finding about a log without its translation."""
 
+_UNSURE = 0.3  # least relative deviation of a velocity by the sheet, as of a sheet's drag
 _LITTLE = 0.3  # share of an equation's forces that may depend on unmeasured velocities
 _STEP = 0.02  # of the integration, at most [s]
 _FORGETS = 60.0  # time after which the integration has forgotten its errors [s]
@@ -39,9 +40,27 @@ class Completed(NamedTuple):
     """A log of a rotation, completed by the sheet, and what that assumes."""
 
     recordings: Recordings  # with the linear velocities that the sheet implies
-    plain: Recordings  # with those alone that are measured
+    plain: tuple[Array, ...]  # (N, n) velocities of every segment without what the sheet implies
     shares: Array  # (n,) of every velocity's forces that depend on unmeasured velocities
     used: np.ndarray  # (n,) whether a velocity's equation is used
+
+    def otherwise(self, nrmse: Array) -> list[Recordings]:
+        """With less of the unmeasured velocity along one of the body's axes each.
+
+        As much as a sheet's drag may be wrong; or as the errors (n,) of a fit say, which are as
+        large as what the velocities make where these are hardly right at all.
+        """
+        ratio = nrmse[self.used] / np.maximum(self.shares[self.used], 1e-9)
+        unsure = float(np.clip(np.nanmax(ratio, initial=_UNSURE), _UNSURE, 1.0))
+        found = []
+        for axis in range(3):
+            segments = []
+            for segment, plain in zip(self.recordings.segments, self.plain, strict=True):
+                v = segment.log.v.copy()
+                v[:, axis] -= unsure * (v - plain)[:, axis]
+                segments.append(segment._replace(log=segment.log._replace(v=v)))
+            found.append(replace(self.recordings, segments=tuple(segments)))
+        return found
 
 
 def completed(
@@ -64,14 +83,9 @@ def completed(
     used = np.array([k >= 3 for k in range(system.n)])
     felt = recordings.vehicle.acceleration is not None
     used[:3] = [(felt or (vertical and k == 2)) and shares[k] < _LITTLE for k in range(3)]
-    own, plain = (
-        replace(
-            recordings,
-            segments=tuple(segment._replace(usable=segment.usable & used) for segment in each),
-        )
-        for each in ([each.whole for each in whole], recordings.segments)
-    )
-    return Completed(own, plain, shares, used)
+    segments = tuple(each.whole._replace(usable=each.whole.usable & used) for each in whole)
+    plain = tuple(segment.log.v for segment in recordings.segments)
+    return Completed(replace(recordings, segments=segments), plain, shares, used)
 
 
 def acceleration(segment: LogSegment, q: Array, v: Array) -> Array:
@@ -195,7 +209,7 @@ def stated(robot: RobotModel, found: Completed) -> list[Finding]:
     text = f"position and linear velocity are not measured: {', '.join(used)} are fitted; "
     text += f"{', '.join(rest)} are left out, with the parameters that act in them alone. What is "
     text += f"fitted depends on the linear velocity by {largest} % of its forces at most: that is "
-    text += "computed from the sheet, and intervals allow for its absence"
+    text += "computed from the sheet, and intervals allow for errors of 30 % or more"
     remedy = "Log the position or the linear velocity to identify the rest."
     if robot.weighed and not found.used[:3].any():
         text += ". The weighed mass does not act in a rotation, and does not fix its scale"

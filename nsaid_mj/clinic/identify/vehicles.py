@@ -20,7 +20,7 @@ from ...core import (
 from ...lab import smoothed
 from ...robots import RobotModel
 from ..logs.recordings import LogSegment, Recordings
-from .choose.columns import further_columns, further_names
+from .choose.columns import MANOEUVRES, further_columns, further_names, offered
 from .choose.thruster_curve import ThrusterCurve
 from .choose.timing import Timing
 from .dry_mass import scale_deviation
@@ -40,6 +40,8 @@ class VehicleRows(Rows):
     Attributes:
         steady: (p,) whether a parameter is that of actuators whose commands never change.
         thrusters: columns of the thrusters whose commands change.
+        coasts: whether it is a vessel of which no command that changes drives surge: its rows are
+            not used, as drag by sway and turning moves it, of which no sheet tells.
     """
 
     def __init__(self, robot: RobotModel, recordings: Recordings, chosen: Filter):
@@ -64,6 +66,15 @@ class VehicleRows(Rows):
         self.thrusters = [c for c in acting if c.kind == "thruster" and c.input in moving]
         self.steady = np.array([p in self._commanded and p not in moved for p in range(own.p)])
         self._without_commands: dict[frozenset[str], Array] = {}
+        self.coasts = offered(self.system, "manoeuvring") and not self._driven_ahead()
+        if self.coasts:
+            self.usable[:, 0] = False
+
+    def _driven_ahead(self) -> bool:
+        """Whether a command that changes drives surge."""
+        moving = [p for p in self._commanded if not self.steady[p]]
+        rows = self.regressor(self._acting(ThrusterCurve()), lambda W: W, self._held(Timing()))
+        return bool(rows[:, 0, moving].any())
 
     def delays(self, timing: Timing) -> Array:
         """(k,) delays of the actuators [s]."""
@@ -144,7 +155,8 @@ class VehicleRows(Rows):
         """(N, n, p) rows with further columns, of commands of 0: computed once for all timings."""
         if columns not in self._without_commands:
             further = self.further(columns)
-            whole = with_columns(self.system, further, [], self.system.p + len(further))
+            last = max((column.parameter for column in further), default=self.system.p - 1)
+            whole = with_columns(self.system, further, [], last + 1)
             self._without_commands[columns] = self.regressor(whole, lambda W: W)
         return self._without_commands[columns]
 
@@ -170,14 +182,34 @@ class VehicleRows(Rows):
         of_rows = (self.usable, self.t, self.segment)
         return FitProblem(space, rows, *of_rows, prior, spread, none, size, inertia, steady)
 
+    def _manoeuvring(self, force: Array) -> Block:
+        """The block of what manoeuvring adds to a vessel under actuators' forces (n,)."""
+        v = np.concatenate([motion.v for motion in self.motions])
+        speed = dict(zip("uvr", np.sqrt(np.mean(v**2, axis=0)).tolist(), strict=True))
+        scales = []
+        for product, _, row, _ in MANOEUVRES:
+            first, second = product.split()
+            scales.append(float(force[row]) / max(speed[first] * speed[second], 1e-9))
+        names = ("surge", "sway", "yaw")
+        return Block(
+            "further manoeuvring",
+            tuple(further_names(self.system, "manoeuvring")),
+            tuple(unit for _, unit, _, _ in MANOEUVRES),
+            np.array(scales),
+            "free",
+            labels=tuple(f"further {x} in {names[row]}" for x, _, row, _ in MANOEUVRES),
+        )
+
     def _extra(self, name: str, rows: Array) -> Block:
-        """A block of one further parameter per velocity."""
+        """A block of one further parameter per velocity, or of those of manoeuvring."""
         units = self.system.velocity_units
         force = ["N" if unit == "m/s" else "N·m" for unit in units]
         labels = rate_labels(self.system)
         at = self.system.space.actuators
         size = np.sqrt(np.mean((rows[:, :, at] @ self._prior[at]) ** 2, axis=0))
         size = np.maximum(size, 1e-3 * max(float(size.max()), 1e-9))
+        if name == "manoeuvring":
+            return self._manoeuvring(size)
         return Block(
             f"further {name}",
             tuple(further_names(self.system, name)),

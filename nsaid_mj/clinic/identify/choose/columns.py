@@ -164,24 +164,47 @@ def motors(space: ParameterSpace, driven: list[int]) -> list[Column]:
 
 # -- a vehicle -------------------------------------------------------------------------------------
 
-EXTRA: Mapping[str, str] = {"damping": "free", "offset": "free"}
-"""Further columns of a vehicle, one per velocity, with the geometry of their parameters: damping
-−d v, and a constant force."""
+EXTRA: Mapping[str, str] = {"manoeuvring": "free", "damping": "free", "offset": "free"}
+"""Further columns of a vehicle, with the geometry of their parameters: damping −d v and a constant
+force, one per velocity, and of a vessel in the plane what manoeuvring adds, see `MANOEUVRES`."""
+
+MANOEUVRES = (
+    ("u v", "N·s²/m²", 1, "N"),
+    ("u r", "N·s²/(m·rad)", 1, "N"),
+    ("v v", "N·s²/m²", 1, "N"),
+    ("u v", "N·s²/m", 2, "N·m"),
+    ("u r", "N·m·s²/(m·rad)", 2, "N·m"),
+    ("r r", "N·m·s²/rad²", 2, "N·m"),
+)
+"""Products of surge u, sway v and yaw rate r, unit of the parameter, the velocity that it pushes
+against, and the unit of the force: −|u| v, −u r, −|v| v … (Abkowitz, Lectures on ship
+hydrodynamics, 1964)."""
 
 _FLAT = interpolated(np.array([0.0, 1.0]), np.ones(2))  # a curve that no command changes
 
 
+def offered(system: SecondOrderSystem, name: str) -> bool:
+    """Whether a further column can act on a vehicle: manoeuvring is that of a vessel."""
+    kinds = {column.kind for column in system.structure.columns}
+    vessel = (system.m, system.n) == (3, 3) and "tyre" not in kinds
+    return name != "manoeuvring" or vessel
+
+
 def further_names(system: SecondOrderSystem, name: str) -> list[str]:
-    """Names of the parameters of a column of `EXTRA`, one for each velocity."""
-    return [f"{name}_{i + 1}" for i in range(system.n)]
+    """Names of the parameters of a column of `EXTRA`, one for each velocity or manoeuvre."""
+    count = len(MANOEUVRES) if name == "manoeuvring" else system.n
+    return [f"{name}_{i + 1}" for i in range(count)]
 
 
 def further_columns(
     system: SecondOrderSystem, names: frozenset[str], at: Mapping[str, int]
 ) -> Iterator[Column]:
-    """The columns of `EXTRA` on every velocity; `at` are the indices of parameters by name."""
+    """The columns of `EXTRA`; `at` are the indices of parameters by name."""
     axes = range(6) if system.group == 6 else LEVEL
     for name in sorted(names):
+        if name == "manoeuvring":
+            yield from _manoeuvring([at[parameter] for parameter in further_names(system, name)])
+            continue
         for i, parameter in enumerate(further_names(system, name)):
             if i >= system.group:
                 kind = "viscous" if name == "damping" else "offset"
@@ -196,3 +219,33 @@ def further_columns(
             else:
                 turn = {"curve": _FLAT, "direction": along[3:]}
                 yield Column("rotor_torque", at[parameter], body=0, input=0, **turn)
+
+
+def _manoeuvring(at: list[int]) -> Iterator[Column]:
+    """The columns of `MANOEUVRES`, with the parameters `at`, from kinds that a sheet has."""
+    sway, yaw = np.eye(6)[[1, 5]]
+    yield Column("lift", at[0], body=0)
+    yield from _turning_force(at[1])
+    yield Column("drag", at[2], body=0, axes=sway)
+    yield Column("lift_moment", at[3], body=0)
+    yield Column("speed_drag", at[4], body=0, axes=yaw)
+    yield Column("drag", at[5], body=0, axes=yaw)
+
+
+def _turning_force(parameter: int) -> Iterator[Column]:
+    """The sway force −u r of a vessel that goes ahead, from kinds that a sheet has.
+
+    Of the flow (u, w = v ± l r) at a point ± l ahead, inflow along the diagonals makes the force
+    (u² + w²)/√2 ahead and −√2 u w aside. The points' difference is −2 √2 l u r aside, 4 l v r/√2
+    ahead and the moment −2 √2 l u v: with l = 1/√8 m they are −u r, v r and −u v. A body's lift
+    moment takes the last away, inflow across the body at ± 1/4 m the one ahead.
+    """
+    ahead, aside = np.eye(3)[:2]
+    for side in (1.0, -1.0):
+        place = {"body": 0, "point": side / np.sqrt(8) * ahead}
+        for diagonal in (ahead + aside, ahead - aside):
+            along = side / np.sqrt(2) * diagonal
+            yield Column("rotor_inflow", parameter, direction=along, **place)
+        place = {"body": 0, "point": side / 4 * ahead}
+        yield Column("rotor_inflow", parameter, direction=-side * ahead, **place)
+    yield Column("lift_moment", parameter, body=0)

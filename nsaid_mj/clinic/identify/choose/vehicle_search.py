@@ -5,6 +5,7 @@ are therefore chosen by the cost of the fit: first a common one, then one per ac
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,13 +21,35 @@ from ..translation import Completed, completed, stated
 from ..unmodelled_effects import command_suspects
 from ..vehicles import VehicleRows
 from .clocks import clock_offset
-from .columns import EXTRA
+from .columns import EXTRA, offered
 from .cutoff import FEWEST, NARROWER, filter_for
-from .options import CUTOFF, FURTHER_COLUMNS, NUMBER, improves
+from .options import CUTOFF, FURTHER, FURTHER_COLUMNS, NUMBER, improves
 from .thruster_curve import TRIALS, ThrusterCurve, fitted_curve, rough_curve
 from .timing import Timed, Timing, search
 
+_ALIKE = 0.1  # difference of the logarithms of errors in one band that speaks against a cut-off
+_EXACT = 1e-3  # error that is as good as none
+_RESOLVED = 0.05  # offset of clocks over the period of the cut-off, from which it is told
 _ROUNDS = 3  # of choosing timing and cut-off in turn
+
+
+_COASTS = Finding(
+    "note",
+    "coasts",
+    "surge",
+    "no command that changes drives it, so its equation is left out",
+    "Change the thrust during the log to identify drag and inertia of surge.",
+)
+
+
+def _first(rows: VehicleRows) -> frozenset[str]:
+    """What manoeuvring adds, if it lowers the cost: without it no delay is right."""
+    columns = frozenset({"manoeuvring"})
+    if not offered(rows.system, "manoeuvring"):
+        return frozenset()
+    cost = _cost(rows, columns, Timing())
+    before, after = (cost(each, Timing()) for each in (frozenset[str](), columns))
+    return columns if improves(before, after, FURTHER) else frozenset()
 
 
 def _richer(rows: VehicleRows, timing: Timing) -> tuple[frozenset[str], list[Finding]]:
@@ -37,11 +60,16 @@ def _richer(rows: VehicleRows, timing: Timing) -> tuple[frozenset[str], list[Fin
     best = cost(columns, timing)
     for option in FURTHER_COLUMNS:
         name = option.name
+        if not offered(rows.system, name):
+            continue
         if name == "offset" and rows.steady.any():  # the force of a steady command is one
             continue
         trial = cost(columns | {name}, timing)
         if improves(best, trial, option.criterion):
             text = f"a column of {name} per velocity lowers the cost by {best - trial:.0f}"
+            if name == "manoeuvring":
+                text = "forces of manoeuvring (products of surge, sway and yaw rate) lower the cost"
+                text += f" by {best - trial:.0f}: the sheet has none, or others"
             columns = columns | {name}
             best = trial
             data = {"columns": sorted(columns)}
@@ -63,27 +91,16 @@ def structured_vehicle(
     """
     report("filtering")
     measured = recordings
-    whole: Completed | None = None
-    if measured.turns_only:
-        assert robot.prior is not None  # every vehicle has one
-        whole = completed(robot.system, robot.prior, measured)
-        recordings = whole.recordings
+    whole = _completed(robot, measured)
+    recordings = whole.recordings if whole is not None else measured
     rows = VehicleRows(robot, recordings, filter_for(recordings, options.cutoff))
     columns = (options.columns or frozenset()) & frozenset(EXTRA)
     trials = [rows] if options.cutoff is not None else _narrower(rows)
     rows = trials[len(trials) // 2]
-    for _ in range(_ROUNDS):
-        timed = _timing(rows, columns, options.delay, report)
-        timing = timed.timing
-        report("choosing the cut-off")
-        before = rows
-        rows = _most_informative(trials, columns, timing)
-        if rows is before:
-            break
-    if rows.thrusters and options.columns is None:
-        report("choosing the thrusters' curve")
-        timed = _curved(rows, columns, timed, options.delay, report)
-        timing = timed.timing
+    if options.columns is None:
+        columns = _first(rows)
+    rows, timed = _timed(trials, columns, options, report)
+    timing = timed.timing
     if whole is not None:  # again, by what the log says of actuators and inertia
         theta = minimise(rows.problem(columns, timing)).theta[: robot.system.p]
         whole = completed(
@@ -92,18 +109,17 @@ def structured_vehicle(
         rows = VehicleRows(robot, whole.recordings, rows.chosen)
     findings = list(timed.findings)
     findings += stated(robot, whole) if whole is not None else []
-    if options.columns is None and whole is None:  # a velocity that is not measured looks like them
+    if rows.coasts:
+        findings.append(_COASTS)
+    # a velocity that is not measured looks like such columns
+    if options.columns is None and whole is None:
         report("choosing columns")
         columns, notes = _richer(rows, timing)
         findings.extend(notes)
     problem = rows.problem(columns, timing)
     checked = None
     if validation is not None:
-        if validation.turns_only:
-            assert robot.prior is not None
-            validation = completed(robot.system, robot.prior, validation).recordings
-        filters = filter_for(validation, rows.chosen.cutoff)
-        checked = VehicleRows(robot, validation, filters).problem(columns, timing)
+        checked = _checked(rows, validation).problem(columns, timing)
     at = problem.space.actuators
     labels = [problem.space.labels[i] for i in at]
 
@@ -121,7 +137,7 @@ def structured_vehicle(
     }
     return Structured(
         problem,
-        _alternatives(rows, columns, timing, timed.others, whole.plain if whole else None),
+        _alternatives(rows, columns, timing, timed.others, whole),
         checked,
         tuple(JointStructure(name, **parts) for name in rate_labels(rows.system)),
         tuple(findings),
@@ -130,7 +146,49 @@ def structured_vehicle(
         suspects,
         acting=lambda u, rate: rows.acting_on_sheet(u, rate, timing),
         columns=rows.further(columns),
+        rivals=_rivals(rows, columns, timing),
     )
+
+
+def _completed(robot: RobotModel, recordings: Recordings) -> Completed | None:
+    """A log of a rotation, completed by the sheet; None of one with its translation."""
+    if not recordings.turns_only:
+        return None
+    assert robot.prior is not None  # every vehicle has one
+    return completed(robot.system, robot.prior, recordings)
+
+
+def _checked(rows: VehicleRows, validation: Recordings) -> VehicleRows:
+    """The rows of a validation log, of the equations that are fitted."""
+    whole = _completed(rows.robot, validation)
+    recordings = whole.recordings if whole is not None else validation
+    found = VehicleRows(rows.robot, recordings, filter_for(validation, rows.chosen.cutoff))
+    found.usable &= rows.usable.any(axis=0)
+    return found
+
+
+def _timed(
+    trials: list[VehicleRows],
+    columns: frozenset[str],
+    options: Options,
+    report: Callable[[str], None],
+) -> tuple[VehicleRows, Timed]:
+    """The rows of the best cut-off, of several, and their timing with the thrusters' curve."""
+    rows = trials[len(trials) // 2]
+    timed = Timed(Timing(), [], [])
+    for _ in range(_ROUNDS):
+        timed = _timing(rows, columns, options.delay, report)
+        report("choosing the cut-off")
+        before = rows
+        rows = _most_informative(trials, columns, timed.timing)
+        if rows is before:
+            break
+    if options.delay is None:
+        timed = _resolved(timed, rows.chosen.cutoff)
+    if rows.thrusters and options.columns is None:
+        report("choosing the thrusters' curve")
+        timed = _curved(rows, columns, timed, options.delay, report)
+    return rows, timed
 
 
 def _cost(
@@ -158,6 +216,19 @@ def _timing(
         return Timed(Timing(delay), [], [])
     cost = _cost(rows, columns, Timing())
     return _searched(rows, lambda x: cost(columns, x), columns, report)
+
+
+def _resolved(timed: Timed, cutoff: float) -> Timed:
+    """The timing, without an offset of clocks far below the period of the rows' cut-off [Hz].
+
+    Where friction or inertia are slightly wrong, commands seem to act that much too early.
+    """
+    delay = float(timed.timing.delay)  # type: ignore[arg-type]  # of a search, that of all
+    if not -_RESOLVED / cutoff < delay < 0:
+        return timed
+    findings = [finding for finding in timed.findings if finding.code != "clock_offset"]
+    plain = timed.timing._replace(delay=0.0)
+    return Timed(plain, [*timed.others, timed.timing], findings, (0.0, -delay))
 
 
 def _searched(
@@ -236,28 +307,29 @@ def _narrower(rows: VehicleRows) -> list[VehicleRows]:
 def _most_informative(
     trials: list[VehicleRows], columns: frozenset[str], timing: Timing
 ) -> VehicleRows:
-    """The rows with the most information about θ, of several cut-offs.
+    """The rows with the most information about θ, of several cut-offs that explain the motion.
 
-    An acceleration's noise grows with its frequency, and biases θ̂ where it exceeds the motion. The
-    information of the fit, by the determinant of its Hessian, is largest without such frequencies.
+    An acceleration's noise grows with its frequency, and biases θ̂ where it exceeds the motion: a
+    cut-off is left out if its θ̂ explains the rows of the lowest one clearly less well than others
+    do. The information of the fit, by the determinant of its Hessian, is largest without such
+    frequencies.
     """
-
-    def uncertainty(rows: VehicleRows) -> float:
-        problem = rows.problem(columns, timing)
-        hessian = tempered_fit(problem)[0].hessian
-        scale = problem.space.scale
-        return -float(np.linalg.slogdet(hessian * np.outer(scale, scale))[1])
-
     if len(trials) == 1:
         return trials[0]
-    best = trials[0]
-    least = uncertainty(trials[0])
-    for trial in trials[1:]:
-        other = uncertainty(trial)
-        if improves(least, other, CUTOFF.criterion):
-            best = trial
-            least = other
-    return best
+    judge = trials[-1].problem(columns, timing)
+    scale = judge.space.scale
+    uncertainty = []
+    errors = []
+    for trial in trials:
+        fit = tempered_fit(trial.problem(columns, timing))[0]
+        uncertainty.append(-float(np.linalg.slogdet(fit.hessian * np.outer(scale, scale))[1]))
+        errors.append(np.nanmean(np.log(np.maximum(judge.nrmse(fit.theta), _EXACT))))
+    best = int(np.argmin(errors))
+    for k, error in enumerate(errors):
+        alike = error < min(errors) + _ALIKE
+        if alike and improves(uncertainty[best], uncertainty[k], CUTOFF.criterion):
+            best = k
+    return trials[best]
 
 
 def _alternatives(
@@ -265,16 +337,31 @@ def _alternatives(
     columns: frozenset[str],
     timing: Timing,
     others: list[Timing],
-    plain: Recordings | None,
+    whole: Completed | None,
 ) -> Iterator[FitProblem]:
     """Other plausible problems: without further columns, at other timings, of a narrower filter.
 
-    And of `plain` recordings, without what the sheet completes of a log of a rotation.
+    And with less of the linear velocities by which a log of a rotation was completed (`whole`).
     """
-    if plain is not None:
-        yield VehicleRows(rows.robot, plain, rows.chosen).problem(columns, timing)
+    if whole is not None:
+        problem = rows.problem(columns, timing)
+        for otherwise in whole.otherwise(problem.nrmse(minimise(problem).theta)):
+            yield VehicleRows(rows.robot, otherwise, rows.chosen).problem(columns, timing)
     if columns:
         yield rows.problem(frozenset(), timing)
     for other in others:
         yield rows.problem(columns, other)
     yield _with_cutoff(rows, NARROWER).problem(columns, timing)
+
+
+def _rivals(rows: VehicleRows, columns: frozenset[str], timing: Timing) -> Iterator[FitProblem]:
+    """The fit of a manoeuvring vessel with the mass matrix of its sheet.
+
+    Sway and turning go together in a zig-zag and hardly tell inertia from what manoeuvring adds:
+    the noise of accelerations decides, and takes inertia for smaller than it is.
+    """
+    if "manoeuvring" in columns:
+        own = rows.problem(columns, timing)
+        kinds = own.space.geometries
+        matrix = (kinds != "positive") & (kinds != "free")
+        yield replace(own, known=own.known | matrix)
