@@ -24,7 +24,7 @@ from ...report import (
 from ..identify.comparison import Score
 from ..identify.curves import replays_of
 from .logs import ServoLog
-from .result import Replayed, ServoIdentification
+from .result import UNTOLD, Replayed, ServoIdentification
 
 _SHOWN = {"T": 1e3, "f": 1e3, "kp": 1.0, "d": 1e3, "armature": 1.0}
 # factor to the unit in the head
@@ -89,7 +89,11 @@ def _servos(result: ServoIdentification) -> list[PageItem]:
     units = {name: ", ".join(own[kind] for kind in kinds) for name, own in _UNITS.items()}
     heads = [head.format(**units) for head in _HEADS]
     panels: list[PageItem] = [Table(heads, lines, spare=(7,))]
-    if any(parameter.combination for parameter in result.parameters):
+    told = [p.combination for p in result.parameters if p.combination]
+    if any(words.startswith(UNTOLD) for words in told):
+        text = "(…) gravity does not tell it: as of the other joints, or of your file; kv/kp, f/kp "
+        panels.append(Text(f"{text}and armature/kp hold without it."))
+    if not all(words.startswith(UNTOLD) for words in told):
         panels.append(Text("~ only in combination with others; identification.json says which."))
     panels.append(
         Text(
@@ -117,6 +121,8 @@ def scores_page(scores: Sequence[Score], unit: str) -> Page:
 def _cell(parameter: Parameter) -> str:
     """A value with its interval, or marked where only a combination is identified."""
     scale = _SHOWN[parameter.name.partition("_")[0]]
+    if parameter.combination.startswith(UNTOLD):
+        return f"({_number(scale * parameter.value)})"
     if parameter.status != "identified":
         return f"~ {_number(scale * parameter.value)}"
     half = 50 * (parameter.high - parameter.low) / parameter.value
