@@ -83,9 +83,9 @@ def search(
     search is not identified, and none is used.
 
     `names` are those of the actuators. `free` are the numbers of a timing that may change, see
-    `_timing_of`: 0, the delay, 1, the lag, where some commands are not measured speeds, and 2 and 3,
-    the curve and its dead zone, where they are of rotors. `period` is that of the log [s], `offset` searches for
-    clocks that are farther apart [s].
+    `_timing_of`: 0, the delay, 1, the lag, where some commands are not measured speeds, and 2 and
+    3, the curve and its dead zone, where they are of rotors. `period` is that of the log [s],
+    `offset` searches for clocks that are farther apart [s].
     """
     report("searching for delays")
     grid = np.array(DELAY.values)
@@ -160,8 +160,8 @@ def _with_drive(along: Callable[[Array], float], start: Array, free: Sequence[in
     """The numbers of the timing that minimises the cost: a grid search, then a simplex.
 
     The search starts from the best delay for rotors whose commands are their speeds, without a lag.
-    A dead zone is sought after them. A mix is rounded to 1 or 0, a lag and a dead zone to 0, if that
-    raises the cost by less than `NUMBER` demands.
+    A dead zone is sought after them. A mix is rounded to 1 or 0, a lag and a dead zone to 0, if
+    that raises the cost by less than `NUMBER` demands.
     """
     trials = MIX.values if 2 in free else MIX.values[:1]
     mixes = [np.array([start[0], 0.0, mix, 0.0]) for mix in trials]
