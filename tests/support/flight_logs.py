@@ -19,16 +19,19 @@ FRD = np.diag([1.0, -1.0, -1.0])
 MOTORS = [1, 3, 0, 2]  # rotor of motors 1 to 4: front right, rear left, front left, rear right
 
 
-def commands(log: Log, mix: float) -> np.ndarray:
-    """(N, 4) commands of motors 1 to 4 for which the rotors' speeds are those of a log."""
+def commands(log: Log, mix: float, dead: float = 0.0) -> np.ndarray:
+    """(N, 4) commands of motors 1 to 4 for which the rotors' speeds are those of a log.
+
+    The motors begin to turn at the command `dead`.
+    """
     thrust = log.u[:, MOTORS] ** 2  # = mix u² + (1 − mix) u
     if mix == 0:
-        return thrust
+        return dead + (1 - dead) * thrust
     half = (1 - mix) / (2 * mix)
-    return np.sqrt(half**2 + thrust / mix) - half
+    return dead + (1 - dead) * (np.sqrt(half**2 + thrust / mix) - half)
 
 
-def topics(log: Log, mix: float = 0.0) -> Topics:
+def topics(log: Log, mix: float = 0.0, dead: float = 0.0) -> Topics:
     """A quadrotor's log as PX4 has it: each topic at its own rate, noisy, without a position."""
     rng = np.random.default_rng(0)
     turn = Rotation.from_quat(log.q[:, 3:])
@@ -45,7 +48,7 @@ def topics(log: Log, mix: float = 0.0) -> Topics:
             dict(zip(("vx", "vy", "vz"), velocity[every].T, strict=True)),
             log.t[every] + 1,
         ),
-        "actuator_motors": ({"control": commands(log, mix)}, log.t + 1),
+        "actuator_motors": ({"control": commands(log, mix, dead)}, log.t + 1),
     }
 
 

@@ -10,6 +10,7 @@ from ...base import Finding, refused
 from ...core import Array
 from ...report import gravest_first
 from ...robots import RobotModel
+from ..logs import signals
 from ..logs.recordings import Recordings
 from ..logs.unusable import UnusableLog
 from .choose.structured import structured
@@ -38,11 +39,12 @@ from .result import (
     recording_shifts,
     statistics_of,
 )
-from .verdict import verdict
+from .verdict import NOISE, verdict
 
 _FOLDS = 5
 _POOR = 0.5  # NRMSE above which a joint's motion is not explained
 _RESTING = 0.2  # of the commands' variation in training: below it, a validation log hardly moves
+_WHITE = 1.3  # level of noise in every second row over that in all rows
 _DEFAULT = Options()
 
 
@@ -90,7 +92,7 @@ def calibrate(
     tried = made.suspects(theta)
     left = followed(fitted.problem, theta, covariance, fitted.share, tried, made.noisier)
     report("predicting held-out parts")
-    joints = _joints(fitted, robot)
+    joints = _joints(fitted, robot, recordings)
     doubted, exact = _judged(fitted, left, joints, robot.held)
     logs = (recordings, validation)
     found = [*found, *doubted]
@@ -156,6 +158,7 @@ def _judged(
     exact = widened(exact, left)
     checked = [np.nan if joint.validation is None else joint.validation for joint in joints]
     worse = np.where(np.isnan(held_out), np.nan, np.fmax(held_out, checked))
+    worse[[joint.noise * NOISE >= x for joint, x in zip(joints, worse, strict=True)]] = 0.0
     unexplained = structure_checks(tuple(joint.name for joint in joints), worse)
     if unexplained:
         share = _doubted(problem, [f.where for f in unexplained], arm)
@@ -216,7 +219,9 @@ def _identification(
     )
 
 
-def _joints(fitted: BatchFit, robot: RobotModel) -> tuple[JointStructure, ...]:
+def _joints(
+    fitted: BatchFit, robot: RobotModel, recordings: Recordings
+) -> tuple[JointStructure, ...]:
     """How well every velocity is predicted, also by least squares with the gains of the fit.
 
     The held-out error is NaN for velocities of a vehicle that hardly moves in them.
@@ -232,10 +237,30 @@ def _joints(fitted: BatchFit, robot: RobotModel) -> tuple[JointStructure, ...]:
         least = least_squares(problem, theta[problem.space.actuators])
         errors["validation"] = _validated(problem, made.checked, theta)
         errors["validation_least_squares"] = _validated(problem, made.checked, least)
+    errors["force"] = problem.forces(theta)
+    if robot.jointed:
+        errors["noise"] = _command_noise(recordings, made.cutoff)
+        errors["limit"] = np.abs(robot.gain) * robot.limits
+    units = ["N" if unit.startswith("m") else "N·m" for unit in robot.system.velocity_units]
     return tuple(
-        replace(velocity, **{key: float(values[j]) for key, values in errors.items()})
-        for j, velocity in enumerate(made.velocities)
+        replace(velocity, unit=unit, **{key: float(values[j]) for key, values in errors.items()})
+        for j, (velocity, unit) in enumerate(zip(made.velocities, units, strict=True))
     )
+
+
+def _command_noise(recordings: Recordings, cutoff: float) -> Array:
+    """(n,) white noise of commands below a cut-off [Hz], over their standard deviation.
+
+    0 for a motor under a PD law, whose force also has the noise of positions, without commands, and
+    where every second row shows another level, as what is then seen is no white noise.
+    """
+    log = max((segment.log for segment in recordings.segments), key=lambda log: len(log.t))
+    white, coarse = (np.array([signals.noise(x) for x in log.u[::k].T]) for k in (1, 2))
+    white = np.where(coarse < _WHITE * white, white, 0.0)
+    varied = np.sqrt(np.maximum(log.u.var(axis=0) - white**2, 0.0))
+    known = (varied > 0) & (recordings.feedback is None)
+    passed = np.sqrt(min(2 * cutoff / recordings.rate, 1.0))
+    return np.where(known, passed * white / np.where(varied > 0, varied, 1.0), 0.0)
 
 
 def _validated(problem: FitProblem, checked: FitProblem, theta: Array) -> Array:

@@ -17,7 +17,7 @@ from ...lab import INTERVAL
 from ...report import Parameter, Status
 from .choose.columns import COLUMNS
 from .fit import Combinations, Fit, Precision, combinations
-from .problem import FitProblem
+from .problem import FitProblem, Mask
 from .result import Combination
 
 _EXCITED = 0.5  # expected gain of information, in prior variances, that counts as excitation
@@ -44,13 +44,12 @@ def parameters_in_words(
     gains = _relative_gains(problem, fit, exact, gain_spread)
     kinds = [block.name for block in space.blocks for _ in block.names]
     rows = zip(space.names, space.labels, kinds, space.units, strict=True)
+    signed = ~_positive(space)
     found = []
     for index, (name, label, block, unit) in enumerate(rows):
         value = float(fit.theta[index])
         sd = float(deviation[index])
-        mass = unit == "kg" and "mass" in label  # a coupling of M is in kg, too, of either sign
-        positive = value > 0 and (space.geometries[index] == "positive" or mass)
-        low, high = interval(value, sd, positive)
+        low, high = interval(value, sd, value > 0 and not signed[index])
         if block == COLUMNS["load"].block:  # beyond 1, the load alone would hold the joint
             high = max(min(high, 1.0), value)
         relative = None
@@ -74,6 +73,25 @@ def parameters_in_words(
             Parameter(name, label, block, unit, value, low, high, prior, status, words, relative)
         )
     return tuple(found)
+
+
+def _positive(space: ParameterSpace) -> Mask:
+    """(p,) whether a parameter cannot be negative.
+
+    Beside those that are positive alone: a link's mass, and what lies on the diagonal of a mass
+    matrix. An entry off it has either sign, also where its unit is kg.
+    """
+    found = space.geometries == "positive"
+    for block, rows in space:
+        if block.geometry == "pseudo_inertia":
+            found[rows.start] = True
+        elif block.geometry == "tied":
+            found[[rows.start + at for i, j, at, _ in block.entries if i == j]] = True
+        elif block.geometry == "spd":
+            order = round((2 * len(block)) ** 0.5)
+            i, j = np.triu_indices(order)
+            found[rows] = i == j
+    return np.asarray(found)
 
 
 def interval(value: float, sd: float, positive: bool) -> tuple[float, float]:

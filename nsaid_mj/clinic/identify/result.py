@@ -56,6 +56,10 @@ class JointStructure:
     friction_speed: float = np.nan
     delay: float = 0.0  # delay of the command [s]
     delay_interval: tuple[float, float] | None = None  # its 95 % interval [s]; None if it was given
+    force: float = np.nan  # the forces' standard deviation [`unit`], with which errors are compared
+    unit: str = "N·m"  # or N
+    limit: float = np.inf  # largest force of its motor in the model file [`unit`]
+    noise: float = 0.0  # NRMSE that white noise of the command makes on its own; 0 if not known
 
 
 class Structured(NamedTuple):

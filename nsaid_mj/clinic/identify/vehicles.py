@@ -94,7 +94,7 @@ class VehicleRows(Rows):
         """Commands (N, k) at a rate [Hz] as they act, apart from the delay."""
         found = u.copy()
         found[:, self.rotors] = timing.speeds(u[:, self.rotors], rate)
-        found[:, self.others] = timing._replace(mix=1.0).speeds(u[:, self.others], rate)
+        found[:, self.others] = timing._replace(mix=1.0, dead=0.0).speeds(u[:, self.others], rate)
         return found
 
     def _acting(self, curve: ThrusterCurve) -> SecondOrderSystem:

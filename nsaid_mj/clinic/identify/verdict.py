@@ -6,6 +6,7 @@ on. The sentence gives the figures and one remedy, that of the gravest; findings
 """
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,35 @@ CONTRADICTED = "contradicted"
 _CONFIRM = "Confirm it on a log of another motion: --validate."
 _GOOD = 0.2  # held-out NRMSE
 _FAIR = 0.5
+NOISE = 1.5
+"""Error over that of the commands' own noise up to which nothing more can be predicted."""
+_OF_MOTOR = 0.3  # error over a motor's largest force, above which it explains nothing of use
+
+
+class Judged(NamedTuple):
+    """The error of the prediction of one joint or velocity, and what it is compared with."""
+
+    name: str
+    error: float  # of motion that took no part in the fit
+    good: float  # in the same unit, up to which the structure explains the motion
+    fair: float  # above which it does not
+
+
+def graded(parts: Sequence[Judged]) -> tuple[Explains, list[Judged], list[Judged]]:
+    """Whether a structure explains a motion, and the parts that it does not, or only roughly.
+
+    It does not if it fails for more than half of the parts. An error that is not finite is poor.
+    """
+    poor = [part for part in parts if not part.error <= part.fair]
+    rough = [part for part in parts if part not in poor and part.error > part.good]
+    if len(poor) > len(parts) / 2 or not parts:
+        return "no", poor, rough
+    return ("partly" if poor or rough else "yes"), poor, rough
+
+
+def with_next(sentence: str, remedy: str) -> str:
+    """A verdict with the one thing to do next, if there is any."""
+    return f"{sentence} Next: {_lower(remedy)}" if remedy else sentence
 
 
 def verdict(
@@ -55,7 +85,7 @@ def verdict(
     remedy = next(_remedies(told, doubts, findings, scale), "")
     if explains == "yes" and all(joint.validation is None for joint in joints):
         remedy = _CONFIRM
-    return explains, f"{sentence} Next: {_lower(remedy)}" if remedy else sentence
+    return explains, with_next(sentence, remedy)
 
 
 def _remedies(
@@ -90,30 +120,49 @@ def _of_predictions(joints: Sequence[JointStructure], arm: bool) -> tuple[Explai
     if not joints:
         return "no", "No part of the log could be predicted from the others: it is too short."
     held_out = np.array([j.held_out for j in joints])
-    figures = (
-        f"on held-out data it misses {_range(held_out)} of the commands' variation "
-        "(100 %: no better than the mean)"
-    )
-    values = np.fmax(held_out, [np.nan if j.validation is None else j.validation for j in joints])
-    good = int(np.sum(values < _GOOD))
+    parts = [_judged(joint) for joint in joints]
+    explains, poor, rough = graded(parts)
+    values = np.array([part.error for part in parts])
     worst = joints[int(np.argmax(values))]
+    figures = (
+        f"on held-out data it misses {_range(held_out)} of the commands' variation"
+        f"{_in_forces(worst)} (100 %: no better than the mean)"
+    )
     checked = [j.validation for j in joints if j.validation is not None]
     if np.isfinite(checked).any():
         figures += f"; on the validation log {_range(np.array(checked))}"
-    n = len(joints)
-    if not (values < _FAIR).all():
-        poor = [j.name for j, value in zip(joints, values, strict=True) if not value < _FAIR]
-        explains: Explains = "no" if len(poor) > n / 2 else "partly"
+    noisy = [j.name for j, x in zip(joints, values, strict=True) if _GOOD < x <= NOISE * j.noise]
+    if noisy:
+        figures += f"; of {', '.join(noisy)} that is the noise of the command itself"
+    if poor:
+        names = ", ".join(part.name for part in poor)
         return explains, (
-            f"The structure does not explain the motion of {', '.join(poor)}: {figures}. "
+            f"The structure does not explain the motion of {names}: {figures}. "
             f"Do not trust parameters of these {of}."
         )
-    if good == n:
-        return "yes", f"The structure explains the log: {figures}."
-    return "partly", (
-        f"The structure explains {good} of {n} {of} well and the others roughly, "
+    if not rough:
+        return explains, f"The structure explains the log: {figures}."
+    n = len(joints)
+    return explains, (
+        f"The structure explains {n - len(rough)} of {n} {of} well and the others roughly, "
         f"worst {worst.name}: {figures}."
     )
+
+
+def _judged(joint: JointStructure) -> Judged:
+    """A joint's NRMSE beside what can be expected of its sensors, and asked for its motor."""
+    checked = np.nan if joint.validation is None else joint.validation
+    error = float(np.fmax(joint.held_out, checked))
+    motor = _OF_MOTOR * joint.limit / joint.force if joint.force > 0 else np.inf
+    good = max(min(_GOOD, motor), NOISE * joint.noise)
+    return Judged(joint.name, error, good, max(_FAIR, good))
+
+
+def _in_forces(worst: JointStructure) -> str:
+    """The largest error in the unit of a force."""
+    if not worst.force > 0:
+        return ""
+    return f", most at {worst.name}: {worst.held_out * worst.force:.2g} {worst.unit}"
 
 
 def _range(nrmse: Array) -> str:

@@ -137,7 +137,7 @@ def identify_servos(
     joints = found.joints
     used = found.used
     own = tuple(p for k, j in enumerate(joints, 1) for p in parameters(k, j, found.scale))
-    explains, sentence, doubts = verdict(joints)
+    explains, sentence, doubts = verdict(joints, loaded=found.scale is not None)
     notes = [*_masked(given.logs, used), *gravity_notes(joints), *saturation_notes(joints)]
     if given.load is not None and found.scale is not None:
         carrying = joints[carrier(given.robot.model, given.load)[0] - 1].name

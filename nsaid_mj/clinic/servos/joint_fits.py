@@ -163,10 +163,12 @@ def start(logs: Sequence[JointLog]) -> Array:
     """
     best = np.inf
     found = np.array([0.1, 0.01, 0.1, 2e-3, 0.015])
+    moving = [_Moving(log) for log in logs]
+    A = np.concatenate([part.columns for part in moving])
+    if len(A) < 20:
+        return found
     for delay in _DELAYS:
-        A, y = (np.concatenate(part) for part in zip(*(_rows(x, delay) for x in logs), strict=True))
-        if len(y) < 20:
-            continue
+        y = np.concatenate([part.left(delay) for part in moving])
         theta, error = _robust(A, y)
         if error < best:
             best = error
@@ -174,21 +176,35 @@ def start(logs: Sequence[JointLog]) -> Array:
     return found
 
 
-def _rows(log: JointLog, delay: float) -> tuple[Array, Array]:
-    """(N, 4) columns and (N,) left sides of the samples that move, on an even grid."""
-    step = float(np.median(np.diff(log.t)))
-    t = np.arange(log.t[0], log.t[-1], step)
-    cut = min(0.8, 2 * _CUT * step)
-    if len(t) < 20:
-        return np.zeros((0, 4)), np.zeros(0)
-    held = log.target[np.clip(np.searchsorted(log.t, t - delay, side="right") - 1, 0, None)]
-    q, u = (signals.low_pass(x, cut) for x in (np.interp(t, log.t, log.position), held))
-    v = np.gradient(q, step)
-    acceleration = np.gradient(v, step)
-    gravity, inertia = (np.interp(t, log.t, x) for x in (log.load, log.inertia))
-    A = np.column_stack([v, np.tanh(v / _SMOOTH), gravity + inertia * acceleration, acceleration])
-    moving = np.abs(v) > _MOVING
-    return A[moving] / log.stiffer, (u - q)[moving]
+class _Moving:
+    """The samples of a log that move, on an even grid; `columns` are (N, 4) at these samples."""
+
+    def __init__(self, log: JointLog):
+        self._log = log
+        step = float(np.median(np.diff(log.t)))
+        self._cut = min(0.8, 2 * _CUT * step)
+        t = np.arange(log.t[0], log.t[-1], step)
+        self._t = t if len(t) >= 20 else t[:0]
+        self.columns = np.zeros((0, 4))
+        if not len(self._t):
+            return
+        self._q = signals.low_pass(np.interp(t, log.t, log.position), self._cut)
+        v = np.gradient(self._q, step)
+        acceleration = np.gradient(v, step)
+        gravity, inertia = (np.interp(t, log.t, x) for x in (log.load, log.inertia))
+        load = gravity + inertia * acceleration
+        self._used = np.abs(v) > _MOVING
+        every = np.column_stack([v, np.tanh(v / _SMOOTH), load, acceleration])
+        self.columns = every[self._used] / log.stiffer
+
+    def left(self, delay: float) -> Array:
+        """(N,) left sides u(t − d) − q, for a delay d [s]."""
+        if not len(self._t):
+            return np.zeros(0)
+        log = self._log
+        at = np.searchsorted(log.t, self._t - delay, side="right") - 1
+        u = signals.low_pass(log.target[np.clip(at, 0, None)], self._cut)
+        return np.asarray((u - self._q)[self._used], dtype=np.float64)
 
 
 def _robust(A: Array, y: Array) -> tuple[Array, float]:

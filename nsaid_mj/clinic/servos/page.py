@@ -24,7 +24,7 @@ from ...report import (
 from ..identify.comparison import Score
 from ..identify.curves import replays_of
 from .logs import ServoLog
-from .result import Replayed, ServoIdentification
+from .result import UNTOLD, Replayed, ServoIdentification
 
 _SHOWN = {"T": 1e3, "f": 1e3, "kp": 1.0, "d": 1e3, "armature": 1.0}
 # factor to the unit in the cells
@@ -87,7 +87,11 @@ def _servos(result: ServoIdentification) -> list[PageItem]:
         errors = [f"{1e3 * error:.1f} {small}" for error in (servo.error, servo.simple)]
         lines.append([servo.name, *cells, *errors])
     panels: list[PageItem] = [Table(_HEADS, lines, spare=(7, 5))]
-    if any(parameter.combination for parameter in result.parameters):
+    told = [p.combination for p in result.parameters if p.combination]
+    if any(words.startswith(UNTOLD) for words in told):
+        text = "(…) gravity does not tell it: as of the other joints, or of your file; kv/kp, f/kp "
+        panels.append(Text(f"{text}and armature/kp hold without it."))
+    if not all(words.startswith(UNTOLD) for words in told):
         panels.append(Text("~ only in combination with others; identification.json says which."))
     panels.append(
         Text(
@@ -117,6 +121,8 @@ def _cell(parameter: Parameter, slide: bool) -> str:
     name = parameter.name.partition("_")[0]
     scale = _SHOWN[name]
     value = f"{_number(scale * parameter.value)} {_UNITS[name][slide]}"
+    if parameter.combination.startswith(UNTOLD):
+        return f"({value})"
     if parameter.status != "identified":
         return f"~ {value}"
     half = 50 * (parameter.high - parameter.low) / parameter.value

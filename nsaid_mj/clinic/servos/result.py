@@ -11,8 +11,9 @@ from ...core import Array
 from ...report import Explains, Parameter, Result, Status
 from ...robots import RobotModel
 from ..identify.loads import Load
+from ..identify.verdict import Judged, graded, with_next
 from .estimate import JointEstimate, MassScale
-from .fit import ARMATURE, GRAVITY
+from .fit import ARMATURE, DAMPING, GRAVITY
 from .logs import TRAVEL, ServoLog
 
 
@@ -103,7 +104,8 @@ _WIDEST = 7.0  # half-width of ln θ beyond which an interval says nothing more:
 _HEAVIER = "Use a heavier load, or more motions with the arm stretched out."
 _UNEXPLAINED = "the model does not explain this joint's motion"
 _UNMOVED = "the joint hardly moves"
-_CONVENTION = "a convention: gravity hardly loads this joint; only kv/kp, f/kp, armature/kp count"
+UNTOLD = "gravity does not tell kp"
+"""First words about a number whose scale is that of a kp which the motion does not show."""
 
 
 def parameters(k: int, joint: JointEstimate, scale: MassScale | None) -> tuple[Parameter, ...]:
@@ -122,11 +124,13 @@ def parameters(k: int, joint: JointEstimate, scale: MassScale | None) -> tuple[P
         halves[[GRAVITY, -1]] = _WIDEST
     if doubt:
         halves[:] = _WIDEST
+    lag, apart = lag_of(joint)
+    longest = lag + apart
     for (short, label, units), x, half in zip(_LABELS, values, halves.tolist(), strict=True):
         status: Status = "identified" if half < _FIRM else "only in combination"
         combination = "" if half < _FIRM or short in {"f", "kp"} else _lag(joint)
         if short in {"kp", "armature"} and not joint.gravity:
-            combination = _CONVENTION
+            combination = _ratios(joint)
         combination = doubt or combination
         value, low, high = (float(v) for v in np.exp([x, x - half, x + half]))
         if half > 1.0 and short != "kp":
@@ -134,21 +138,35 @@ def parameters(k: int, joint: JointEstimate, scale: MassScale | None) -> tuple[P
         if half >= _WIDEST:
             low = 0.0
             high = np.inf
+        if short in {"T", "d"} and not doubt:
+            high = min(high, longest)  # neither of the two is negative
         about = f"{short}_{k}", f"{label} of {joint.name}", "servo", units[joint.slides]
         found.append(Parameter(*about, value, low, high, np.nan, status, combination))
     return tuple(found)
 
 
+def lag_of(joint: JointEstimate) -> tuple[float, float]:
+    """T + d of damping and delay [s], which slow motion determines, and its half-width [s]."""
+    slope = np.array([joint.theta[0], 0.0, 0.0, 0.0, joint.theta[4]])
+    half = joint.quantile[-1] * np.sqrt(slope @ joint.covariance @ slope)
+    return float(slope.sum()), float(half)
+
+
 def _lag(joint: JointEstimate) -> str:
     """The combination of damping, armature and delay that a slow motion determines."""
-    T = joint.theta[0]
-    d = joint.theta[4]
-    slope = np.array([T, 0.0, 0.0, 0.0, d])
-    lag = T + d
-    half = float(joint.quantile[-1] * np.sqrt(slope @ joint.covariance @ slope))
+    lag, half = lag_of(joint)
     return (
         "a slow motion determines only the lag of damping, armature and delay, kv/kp + delay: "
         f"{lag * 1e3:.0f} ms ± {half * 1e3:.0f}"
+    )
+
+
+def _ratios(joint: JointEstimate) -> str:
+    """What holds of a joint whose kp gravity does not tell."""
+    T, f, _, a, _ = (float(value) for value in joint.theta)
+    return (
+        f"{UNTOLD}, but kv/kp = {1e3 * T:.3g} ms, f/kp = {1e3 * f:.3g} "
+        f"{joint.unit} and armature/kp = {a:.2g} s² do not depend on it"
     )
 
 
@@ -195,34 +213,35 @@ _DIVERGES = 10.0  # error of MuJoCo over that of a simple prediction, above whic
 
 
 def verdict(
-    joints: Sequence[JointEstimate], errors: Array | None = None, motion: str = "its own logs"
+    joints: Sequence[JointEstimate],
+    errors: Array | None = None,
+    motion: str = "its own logs",
+    loaded: bool = False,
 ) -> tuple[Explains, str, tuple[Finding, ...]]:
     """Whether the model explains a motion, by its errors against predictions without a model.
 
-    errors (n,) [rad or m] are those of a `motion`; None for those of the fit.
+    errors (n,) [rad or m] are those of a `motion`; None for those of the fit. `loaded` says whether
+    a load was weighed.
     """
     errors = np.array([joint.error for joint in joints]) if errors is None else errors
     pairs = list(zip(joints, errors.tolist(), strict=True))
     still = [joint.name for joint in joints if not joint.judged]
-    moving = [(joint, error) for joint, error in pairs if joint.judged]
-    poor = [(joint, error) for joint, error in moving if not error <= joint.nearly]
-    fair = [
-        (joint, error)
-        for joint, error in moving
-        if joint.nearly >= error > max(_HALF * joint.simple, _STEPS * joint.zero)
-    ]
+    moving = {joint.name: (joint, error) for joint, error in pairs if joint.judged}
+    explains, poor, rough = graded(
+        [
+            Judged(joint.name, error, max(_HALF * joint.simple, _STEPS * joint.zero), joint.nearly)
+            for joint, error in moving.values()
+        ]
+    )
     findings = []
-    for one, found in poor:
-        simple, error = (f"({x * 1e3:.1f} {one.unit})" for x in (one.simple, found))
+    for joint, found in (moving[part.name] for part in poor):
+        simple, error = (f"({x * 1e3:.1f} {joint.unit})" for x in (joint.simple, found))
         text = "the delayed target itself or a constant position predicts the motion nearly as "
         text += f"well {simple} as the servo's model {error}; its parameters are meaningless"
-        findings.append(Finding("warning", "no_better_than_simple", one.name, text, _POOR))
+        findings.append(Finding("warning", "no_better_than_simple", joint.name, text, _POOR))
     if still:
         text = "it hardly moves, or follows its target exactly, so its model cannot be validated"
         findings.append(Finding("note", "hardly_moved", ", ".join(still), text))
-    explains: Explains = "partly" if poor or fair else "yes"
-    if len(poor) == len(moving):
-        explains = "no"
     ours, late = 1e3 * np.array([errors.mean(), np.mean([joint.simple for joint in joints])])
     unit = " or ".join(sorted({joint.unit for joint in joints}, reverse=True))
     words = {"yes": "explains", "partly": "partly explains", "no": "does not explain"}[explains]
@@ -230,15 +249,31 @@ def verdict(
         f"The servo model {words} the motion: driven by the targets alone, its mean absolute "
         f"error is {ours:.1f} {unit} on {motion}"
     )
-    weak, largest = max([*poor, *fair] or pairs, key=lambda pair: pair[1])
+    weak = [moving[part.name] for part in (*poor, *rough)]
+    worst, largest = max(weak or pairs, key=lambda pair: pair[1])
     if len(joints) > 1:
-        sentence += f" (most at {weak.name}: {1e3 * largest:.1f})"
+        sentence += f" (most at {worst.name}: {1e3 * largest:.1f})"
     sentence += f"; that of the delayed target, or a constant, is {late:.1f} {unit}."
-    if poor or fair:
-        sentence += f" Next, for {weak.name}: {_POOR[0].lower()}{_POOR[1:]}"
-    return explains, sentence, tuple(findings)
+    remedy = (
+        f"For {worst.name}: {_POOR[0].lower()}{_POOR[1:]}" if weak else _further(joints, loaded)
+    )
+    return explains, with_next(sentence, remedy), tuple(findings)
 
 
+def _further(joints: Sequence[JointEstimate], loaded: bool) -> str:
+    """What would tell most of the numbers that logs which are explained leave open; "" for none."""
+    half = {j.name: j.quantile[DAMPING] * np.sqrt(j.covariance[DAMPING, DAMPING]) for j in joints}
+    slow = [joint.name for joint in joints if joint.judged and not half[joint.name] < _FIRM]
+    if slow:
+        return f"{_FASTER} of {', '.join(slow)}: slow motion tells only kv/kp + delay."
+    return "" if loaded else _WEIGH
+
+
+_FASTER = "Record fast motion with sudden stops"
+_WEIGH = (
+    "Log one more motion with a weighed load (`--load`): until then kp, kv, armature and friction "
+    "rest on the masses of your file."
+)
 _POOR = (
     "Record faster motions, stops and reversals; check that targets and positions have the same "
     "zero, unit and sign."
@@ -260,7 +295,7 @@ def concluded(
         sentence = "The exported model diverges in MuJoCo at its own time step: do not use it. "
         sentence += f"{_POOR} Or shorten the time step of the model file."
         return replace(result, explains="no", verdict=sentence)
-    explains, sentence, doubts = verdict(result.joints, errors, motion)
+    explains, sentence, doubts = verdict(result.joints, errors, motion, bool(result.scale))
     known = {finding.where for finding in result.findings}
     new = [finding for finding in doubts if finding.where not in known]
     return replace(result, explains=explains, verdict=sentence, findings=(*new, *result.findings))

@@ -83,6 +83,22 @@ def test_two_commands_lead_from_a_px4_log_to_thrust_ratios(flight, tmp_path, mix
     assert found["explains"] != "no" and (out / "calibrated.yaml").is_file()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("mix", "dead"), [(1.0, 0.08), (0.4, 0.12), (0.0, 0.15)])
+def test_motors_that_begin_to_turn_above_zero_are_no_force_that_pulls_down(
+    flight, tmp_path, mix, dead
+):
+    """Instead, a constant force in heave was .8 of the weight, and thrusts a quarter too large."""
+    log = write_ulog(tmp_path / "flight.ulg", topics(flight.log, mix, dead))
+    found = identify_forces("hummingbird", log, known={"m": float(flight.truth[0])})
+    assert not any("offset" in joint.columns for joint in found.joints)
+    data = {finding.code: finding.data for finding in found.findings}
+    assert data["curve"]["dead zone"] == pytest.approx(dead, abs=0.02)
+    at = [i for i, p in enumerate(found.parameters) if p.name.startswith("thrust_")]
+    thrust = found.theta[at] / flight.truth[at]
+    assert scatter(thrust) <= 0.02 and thrust == pytest.approx(1.0, abs=0.04)
+
+
 def measured(flight: Flight, rate: float) -> dict:
     return topics(flight.log, 0.6) | speeds(flight.log, rate, LAG, DELAY, TOP)
 

@@ -191,6 +191,19 @@ def test_a_delay_and_a_lag_have_intervals():
     assert lag.data["interval"][0] < 0.08 < lag.data["interval"][1] and "95 %" in lag.text
 
 
+def test_a_dead_zone_of_rotors_is_sought_with_their_curve_and_told():
+    def cost(x: Timing) -> float:
+        return 1e4 * ((x.dead - 0.12) ** 2 + (x.mix - 0.4) ** 2 + x.delay**2 + x.lag**2)
+
+    found = timed(cost, (0, 1, 2, 3))
+    assert found.timing.dead == pytest.approx(0.12, abs=0.01)
+    assert any(abs(other.dead - found.timing.dead) > 0.003 for other in found.others)
+    (curve,) = [f for f in found.findings if f.code == "curve"]
+    assert "with x = (u − 0.12)/0.88 of the command u" in curve.text
+    plain = timed(lambda x: 1e4 * (x.delay**2 + x.lag**2 + (x.mix - 1) ** 2), (0, 1, 2, 3))
+    assert plain.timing.dead == 0
+
+
 def test_a_lag_makes_no_delay_negative():
     """A cost that would be least at a lag of .1 s and a delay of −60 ms."""
     found = timed(bowl(-0.06, 0.1, 1e6))

@@ -193,3 +193,28 @@ def test_an_arm_in_an_included_file_is_exported_in_one(tmp_path):
     np.testing.assert_allclose(model.actuator_gainprm[:, 0], kp, rtol=1e-5)
     armature = [servo.armature for servo in result.servos]
     np.testing.assert_allclose(model.dof_armature, armature, rtol=1e-5)
+
+
+def test_the_headline_names_the_one_thing_to_do_next():
+    _, sentence, _ = verdict([joint()])
+    assert "Next: log one more motion with a weighed load" in sentence
+    assert "Next" not in verdict([joint()], loaded=True)[1]
+    slow = joint(np.array([0.6, 0.05, 0.05, 0.05, 0.6]))
+    assert "Next: record fast motion with sudden stops of elbow" in verdict([slow])[1]
+    poor = joint(name="pan", error=18e-3)
+    assert "Next: for pan: record faster motions" in verdict([poor, slow])[1]
+
+
+def test_damping_and_delay_are_no_longer_than_their_sum():
+    one = joint(np.array([1.2, 0.05, 0.05, 0.05, 1.2]))
+    T_, d = one.theta[[0, 4]]
+    against = np.array([1 / T_, -1 / d]) * 0.02  # a shorter damping for a longer delay
+    one.covariance[np.ix_([0, 4], [0, 4])] = np.outer(against, against) + 1e-3 * np.eye(2)
+    found = {p.name: p for p in parameters(1, one, None)}
+    for name in ("T_1", "d_1"):
+        assert found[name].low <= found[name].value < found[name].high < 1.3 * (T_ + d)
+
+
+def test_where_gravity_does_not_tell_kp_ratios_are_said():
+    found = {p.name: p for p in parameters(1, joint(gravity=False), None)}
+    assert found["kp_1"].combination.startswith("gravity does not tell kp, but kv/kp = ")

@@ -238,7 +238,7 @@ def _searched(
     report: Callable[[str], None],
 ) -> Timed:
     """The timing that minimises a cost."""
-    free = [0, *([1] if rows.rotors or rows.others else []), *([2] if rows.rotors else [])]
+    free = [0, *([1] if rows.rotors or rows.others else []), *([2, 3] if rows.rotors else [])]
 
     def offset() -> float | None:
         problem = rows.problem(columns, Timing())
