@@ -142,7 +142,7 @@ class Excite:
     report and a recording. `nsaid run NAME --excitation designed` designs and runs at once.
 
     Attributes:
-        scenario: a name from `nsaid list`, or the path of a script.
+        scenario: a name from `nsaid list`, or the path of a script or scenario.json.
         model: URDF, MJCF (.xml, .mjb) or vehicle's TOML file of your own, or a robot's name.
         duration: duration of the experiment [s].
         want: gains, all, or comma-separated names of parameters, such as mass_6; also --for.

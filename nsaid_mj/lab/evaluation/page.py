@@ -58,12 +58,6 @@ _FILES = (
     "same versions of all packages the record is identical to the bit. All figures are in "
     "summary.json, all samples in record.arrow, the recording is run.rrd."
 )
-_SCRIPT = """\
-from pathlib import Path
-
-from nsaid_mj import Scenario, run
-
-run(Scenario.from_json(Path("scenario.json").read_text()), Path("again"))"""
 
 
 def page(
@@ -117,7 +111,7 @@ def page(
         sections=[section for section in sections if section.panels],
         commands=[
             *filter(None, [command]),
-            _SCRIPT,
+            f"nsaid run {shlex.quote(str(run.folder / 'scenario.json'))}",
             f"nsaid view {folder}",
             f"nsaid verify --run {folder}",
         ],

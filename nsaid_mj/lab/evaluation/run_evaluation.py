@@ -157,7 +157,9 @@ def _definiteness(run: Run, truth: Truth | None) -> Definiteness:
     least = None
     if truth is not None:
         margin, least = assumption_46(run, truth)
-    pivot = float(record["pivot"][1:].min()) if len(record) > 1 else None
+    pivots = record["pivot"][1:]
+    stated = np.flatnonzero(pivots)  # `efficient` factorises no M̂ before its first estimate
+    pivot = float(pivots[stated[0] :].min()) if len(stated) else None
     return Definiteness(
         assumption_46_margin=finite(margin),
         least_mass_eigenvalue=finite(least),
