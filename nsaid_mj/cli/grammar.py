@@ -30,7 +30,6 @@ from .grammar_of_studies import (
     Words,
 )
 
-
 _MODELS = {".urdf", ".xml", ".mjb"}
 """Endings of model files; a TOML file may be a map."""
 
@@ -158,9 +157,7 @@ class Excite:
         quiet: print only errors.
     """
 
-    scenario: Annotated[
-        Positional[str], arg(metavar="NAME_OR_FILE", help_behavior_hint="")
-    ] = ""
+    scenario: Annotated[Positional[str], arg(metavar="NAME_OR_FILE", help_behavior_hint="")] = ""
     model: Model = None
     duration: float = 20.0
     want: Annotated[str, arg(metavar="gains|all|NAMES")] = "gains"

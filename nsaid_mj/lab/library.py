@@ -12,7 +12,15 @@ from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..base import LARGEST_TEXT, InvalidInput, NsaidError, UnknownName, check_input, path_of, read_input
+from ..base import (
+    LARGEST_TEXT,
+    InvalidInput,
+    NsaidError,
+    UnknownName,
+    check_input,
+    path_of,
+    read_input,
+)
 from ..robots import scenarios
 
 if TYPE_CHECKING:

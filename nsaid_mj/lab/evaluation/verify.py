@@ -223,8 +223,8 @@ def _excitation(run: Run, result: RunResult, premises: str) -> _Outcome:
     bound = _least_seen(run)
     words = (
         f"ε₀ = {rounded(level, 2)} N·m·s in the least excited window of {window:g} s, "
-        f"{rounded(share, 2)} of its total excitation, bound {rounded(bound, 2)}: what the noise of "
-        "the scenario's sensors would hide"
+        f"{rounded(share, 2)} of its total excitation, bound {rounded(bound, 2)}: what the "
+        "noise of the scenario's sensors would hide"
     )
     if share <= UNEXCITED:
         return "fails", share, UNEXCITED, words
