@@ -142,8 +142,8 @@ def _servos(result: ServoIdentification) -> list[PageItem]:
         panels.append(Text("~ only in combination with others; identification.json says which."))
     panels.append(
         Text(
-            "error: mean absolute error of the open-loop simulation; baseline: same for the delayed "
-            "target, or a constant."
+            "error: mean absolute error of the open-loop simulation; baseline: same for the "
+            "delayed target, or a constant."
         )
     )
     return panels
