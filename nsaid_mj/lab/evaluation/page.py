@@ -43,7 +43,7 @@ from .verify import Verification
 _FIRST = 5  # unobservable directions that are not folded
 _COMPILED = 0.5  # compile times below this are not mentioned [s]
 _NO_RERUN = "none, as Rerun is not installed: pip install 'nsaid-mj[view]'"
-_HELD = "Intervals hold the mean of the actuators' gains, since the common scale is unobservable."
+_HELD = "Intervals are relative to the mean gain, because the common scale is unobservable."
 _FORCES = {
     True: "On the held-out trajectory, which no identifier has seen. Measured: the actuators' "
     "force at the command, under the estimated gains. Predicted: the force that the motion needs "
