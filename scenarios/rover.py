@@ -1,4 +1,4 @@
-"""Rover: wheels in simulated contact, identified as a car on linear tyres, which it is not.
+"""Rover: wheels in simulated contact, identified with a linear-tyre car model.
 
 The summary's `mismatch` and assets/rover/SOURCE.md list what the structure does not model; above
 all, the contact force depends on slip velocity instead of slip angle. No θ reproduces the motion,

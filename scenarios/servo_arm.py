@@ -1,4 +1,4 @@
-"""Servo arm: three position servos of unknown stiffness follow targets; nobody sees a torque."""
+"""Servo arm: three position servos of unknown stiffness follow targets; no torque is measured."""
 
 from nsaid_mj import ArmPlant, MultisineCommand, NullspaceAID, Scenario, main
 

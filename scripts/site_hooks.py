@@ -1,7 +1,8 @@
 """What mkdocs needs beyond the pages in docs/: generated pages, and links that leave the folder.
 
-Pages of marked source files and of the vehicles' sources are made at build time; the table of
-equations is put in the place of its marker.
+Pages of marked source files, of the vehicles' sources, of the changelog and of the security policy
+are made at build time; the table of equations is put in the place of its marker. The search finds
+source files after all other pages.
 """
 
 import re
@@ -16,6 +17,8 @@ import equations
 
 ROOT = Path(__file__).parents[1]
 MARKER = "<!-- the table of equations -->"
+_LAST = "---\nsearch:\n  boost: 0.1\n---\n"
+"""Front matter of pages that the search finds after the others."""
 _TEXT = re.compile(r"\[(\w+\.md)\]\((\1[^)]*)\)")
 _SUBSCRIPT = re.compile(r"(?<=[^\x00-\x7f])_|_(?=[^\x00-\x7f])")
 _SOURCE = re.compile(r"\]\(\.\./assets/(\w+)/SOURCE\.md\)")
@@ -48,11 +51,14 @@ def on_files(files: Any, config: Any) -> Any:
     """Adds a page for every source file with a marked equation, and for every SOURCE.md."""
     for path in equations.marked_files():
         name = path.relative_to(equations.PACKAGE)
-        text = f'# nsaid_mj/{name}\n\n```python linenums="1"\n{path.read_text("utf-8")}```\n'
+        text = f'{_LAST}# nsaid_mj/{name}\n\n```python linenums="1"\n{path.read_text("utf-8")}```\n'
         files.append(File.generated(config, f"code/{name.with_suffix('.md')}", content=text))
     for path in sorted((ROOT / "assets").glob("*/SOURCE.md")):
-        text = f"<!-- {path.parent.name} -->\n{path.read_text('utf-8')}"
+        text = f"{_LAST}<!-- {path.parent.name} -->\n{path.read_text('utf-8')}"
         files.append(File.generated(config, f"sources/{path.parent.name}.md", content=text))
+    for name in ("CHANGELOG.md", "SECURITY.md"):
+        text = (ROOT / name).read_text("utf-8").replace("](docs/", "](")
+        files.append(File.generated(config, name.lower(), content=text))
     return files
 
 

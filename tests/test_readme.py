@@ -241,7 +241,7 @@ def test_every_nsaid_command_in_the_docs_takes_its_flags(page: str) -> None:
         assert verb in listed, verb
         offered_here = flags(verb)
         if verb in VERBS and rest and rest[0][:2] != "--":
-            assert rest[0] in scenarios() or rest[0].endswith(".py"), rest[0]
+            assert rest[0] in scenarios() or rest[0].endswith((".py", ".json")), rest[0]
             scenario = rest[0] if rest[0] in scenarios() else "ur5"
             offered_here |= flags(verb, scenario) | flags("run", scenario)
         assert {flag for flag in used if not known(flag, offered_here | {"help"})} == set(), words

@@ -72,21 +72,30 @@ class UnknownName(NsaidError, KeyError):
         return str(self.args[0])  # KeyError would print the repr
 
 
+_DEBIAN = {"libgomp": "libgomp1", "libGL": "libgl1", "libEGL": "libegl1"}
+"""Packages of Debian that hold a library which slim images lack."""
+
+
 class MissingPackage(NsaidError, ImportError):
-    """A package that one of the extras installs is missing.
+    """A package that one of the extras installs is missing, or a library of the system's.
 
     Attributes:
         package: its import name.
         extra: the extra that installs it.
+        library: file name of the system's library that the package lacks; empty if it is absent.
     """
 
-    def __init__(self, package: str, extra: str, purpose: str):
+    def __init__(self, package: str, extra: str, purpose: str, library: str = ""):
         self.package = package
         self.extra = extra
-        super().__init__(
-            f"{purpose} needs the package {package}, which is not installed. "
-            f"Install it: pip install 'nsaid-mj[{extra}]'"
-        )
+        self.library = library
+        lacks = f"the package {package}, which is not installed"
+        remedy = f"Install it: pip install 'nsaid-mj[{extra}]'"
+        if library:
+            lacks = f"the package {package}, which needs {library} of the system"
+            name = library.partition(".so")[0]
+            remedy = f"Install it: on Debian and Ubuntu `apt-get install {_DEBIAN.get(name, name)}`"
+        super().__init__(f"{purpose} needs {lacks}. {remedy}")
 
 
 class EnginesDisagree(NsaidError):

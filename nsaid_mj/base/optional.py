@@ -21,11 +21,18 @@ def require(package: str, extra: str, purpose: str) -> ModuleType:
     """Imports a package that an extra installs; `purpose` says what needs it.
 
     Raises:
-        MissingPackage: it is not installed; the message names the extra.
+        MissingPackage: it is not installed, or lacks a library of the system, as slim images do;
+            the message names the extra, or the library.
     """
     if not installed(package):
         raise MissingPackage(package, extra, purpose)
-    return import_module(package)
+    try:
+        return import_module(package)
+    except ImportError as error:
+        library, found, _ = str(error).partition(": cannot open shared object file")
+        if not found:
+            raise
+        raise MissingPackage(package, extra, purpose, library) from error
 
 
 class _Lazy:

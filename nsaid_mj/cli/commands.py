@@ -121,7 +121,8 @@ def _command(arguments: Sequence[str]) -> int:
     word, name, *_ = *arguments, "", ""
     if word in ("run", "verify") and name and not name.startswith("-"):
         carry_out = _run if word == "run" else _verify
-        return carry_out(Path(name).stem, load(name), arguments[2:])
+        scenario = load(name)
+        return carry_out(_name_of(Path(name), scenario), scenario, arguments[2:])
     if word in _STUDIES and name and not name.startswith("-"):
         return _study(word, name, arguments[2:])
     from . import grammar
@@ -137,7 +138,7 @@ def _command(arguments: Sequence[str]) -> int:
                 "verify",
                 "a scenario's name, or --run with a folder",
                 "neither",
-                "Such as `nsaid verify scalar_rov`, or `nsaid verify --run runs/ur5-paper`.",
+                "Such as `nsaid verify scalar_rov`; `nsaid verify --help` has the rest.",
             )
         record_file(chosen.run)
         from ..lab import verify_folder
@@ -164,6 +165,14 @@ def _command(arguments: Sequence[str]) -> int:
     raise InvalidInput(word, "the scenario's name first", " ".join(arguments[1:]), remedy)
 
 
+def _name_of(path: Path, scenario: Scenario) -> str:
+    """The name of a scenario: of its script, or of the run whose scenario.json it is."""
+    if path.suffix != ".json":
+        return path.stem
+    law = getattr(scenario.identifier, "law", "")
+    return path.resolve().parent.name.removesuffix(f"-{law}")
+
+
 def _study(word: str, script: str, arguments: Sequence[str]) -> int:
     """Executes a command that runs a scenario many times and returns the exit code."""
     for flag in _LISTED.get(word, ()):
@@ -177,7 +186,7 @@ def _study(word: str, script: str, arguments: Sequence[str]) -> int:
 
     options: Any = COMMANDS[word]
     scenario, chosen = parse_scenario(path.stem, default, arguments, word, options)
-    whole = str(path.resolve()) if path.suffix == ".py" else script
+    whole = str(path.resolve()) if path.suffix in {".py", ".json"} else script
     flags = repeated_flags(default, scenario)
     given = {"script": whole, "scenario": scenario, "arguments": flags}
     folder = chosen.out or Path("runs") / f"{path.stem}-{word}"

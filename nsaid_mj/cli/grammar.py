@@ -30,7 +30,6 @@ from .grammar_of_studies import (
     Words,
 )
 
-
 _MODELS = {".urdf", ".xml", ".mjb"}
 """Endings of model files; a TOML file may be a map."""
 
@@ -142,7 +141,7 @@ class Excite:
     report and a recording. `nsaid run NAME --excitation designed` designs and runs at once.
 
     Attributes:
-        scenario: a name from `nsaid list`, or the path of a script.
+        scenario: a name from `nsaid list`, or the path of a script or scenario.json.
         model: URDF, MJCF (.xml, .mjb) or vehicle's TOML file of your own, or a robot's name.
         duration: duration of the experiment [s].
         want: gains, all, or comma-separated names of parameters, such as mass_6; also --for.
@@ -158,9 +157,7 @@ class Excite:
         quiet: print only errors.
     """
 
-    scenario: Annotated[
-        Positional[str], arg(metavar="NAME_OR_FILE", help_behavior_hint="")
-    ] = ""
+    scenario: Annotated[Positional[str], arg(metavar="NAME_OR_FILE", help_behavior_hint="")] = ""
     model: Model = None
     duration: float = 20.0
     want: Annotated[str, arg(metavar="gains|all|NAMES")] = "gains"

@@ -35,7 +35,10 @@ Count = Annotated[int | None, arg(metavar="COUNT", help_behavior_hint="")]
 
 ScenarioName = Annotated[
     Positional[str],
-    arg(metavar="NAME_OR_FILE", help="a name from `nsaid list`, or the path of a script."),
+    arg(
+        metavar="NAME_OR_FILE",
+        help="a name from `nsaid list`, or the path of a script or scenario.json.",
+    ),
 ]
 
 

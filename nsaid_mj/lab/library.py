@@ -12,7 +12,15 @@ from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..base import LARGEST_TEXT, InvalidInput, NsaidError, UnknownName, check_input, path_of
+from ..base import (
+    LARGEST_TEXT,
+    InvalidInput,
+    NsaidError,
+    UnknownName,
+    check_input,
+    path_of,
+    read_input,
+)
 from ..robots import scenarios
 
 if TYPE_CHECKING:
@@ -75,18 +83,22 @@ class _Script(SourceFileLoader):
 
 
 def load(name: str) -> Scenario:
-    """Loads a scenario by the name of a packaged one, or from a script.
+    """Loads a scenario by the name of a packaged one, from a script, or from a run's scenario.json.
 
     Raises:
         UnknownName: there is no such scenario; lists near matches.
         BadScript: the script raises an exception, or exits.
-        InvalidInput: the script defines no `scenario`.
+        InvalidInput: the script defines no `scenario`, or the JSON is none.
     """
     known = scenarios()
+    if name.endswith(".json") and path_of(name).is_file():
+        from .scenario import Scenario
+
+        return Scenario.from_json(read_input(path_of(name)))
     path = Path(name) if name.endswith(".py") or name not in known else known[name]
     path = path_of(path)
     if path.suffix != ".py" or not path.is_file():
-        remedy = "The name comes before all flags; a script is given by its path, ending in .py."
+        remedy = "The name comes before all flags; a script or scenario.json is given by its path."
         raise UnknownName("scenario", name, known, remedy)
     check_input(path, LARGEST_TEXT)
     name = f"_scenario_{path.stem}"

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.progress import (
     BarColumn,
+    ProgressColumn,
     SpinnerColumn,
+    TaskID,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
@@ -30,6 +32,8 @@ COMPILING = "compiling, once (half a minute)"
 _STEP = 1e-4  # of plant, identifier and persistence levels, roughly [s]
 _LARGE = 1e10  # size of a record that is announced beforehand [bytes]
 _PATIENCE = 10.0  # time between two lines where there is no terminal [s]
+_ALL = 1e6  # longer than any study [s]
+_MINUTES = 120.0  # from which a time is told in minutes [s]
 _PERIOD = 0.1  # smallest interval between two updates of the bar [s]
 
 
@@ -144,21 +148,54 @@ def cost_of(scenario: Scenario, system: SecondOrderSystem) -> str:
     )
 
 
+class _Counted(Bar):
+    """A bar that estimates the time left; where there is no terminal, by a line now and then."""
+
+    def __init__(self, *columns: ProgressColumn, console: Console, quiet: bool):
+        # the time left is estimated from all parts: one part may take longer than rich's 30 s
+        super().__init__(
+            *columns,
+            console=console,
+            transient=True,
+            disable=quiet,
+            speed_estimate_period=_ALL,
+        )
+        self._begun = clock()
+        self._told = self._begun
+
+    def advance(self, task_id: TaskID, advance: float = 1) -> None:
+        """Counts a part."""
+        super().advance(task_id, advance)
+        now = clock()
+        if self.console.is_terminal or now - self._told < _PATIENCE:
+            return
+        self._told = now
+        task = self._tasks[task_id]
+        if task.total and task.completed:
+            left = (now - self._begun) * (task.total / task.completed - 1)
+            said = f"{task.completed:g} of {task.total:g}, about {_in_words(left)} left"
+            self.console.print(said, highlight=False, markup=False)
+
+
+def _in_words(seconds: float) -> str:
+    """A time in seconds or minutes, whichever is shorter to read."""
+    return f"{seconds:.0f} s" if seconds < _MINUTES else f"{seconds / 60:.0f} min"
+
+
 @contextmanager
 def counted(quiet: bool, done: str = "{task.completed}/{task.total}") -> Iterator[Bar]:
     """Shows a transient bar of a study on the standard error; `done` is the format of its count.
 
-    When the first kernel is compiled, a line above it says so.
+    It estimates the time left. When the first kernel is compiled, a line above it says so.
     """
-    bar = Bar(
+    bar = _Counted(
         TextColumn("{task.description:48}"),
         BarColumn(),
         TextColumn(done),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
         console=Console(stderr=True, quiet=quiet),
-        transient=True,
-        disable=quiet,
+        quiet=quiet,
     )
     announce = cache(lambda: bar.console.print(COMPILING, highlight=False))
     with on_compiling(announce), bar:

@@ -43,7 +43,13 @@ VARIABLES = {INK: "--ink", GRID: "--grid", BAD: "--bad"} | {
 }
 """CSS variable of each colour, which a page redefines on dark screens."""
 
-MARKERS = {"D": "M12 0L16 4L12 8L8 4Z", "x": "M8 0L16 8M16 0L8 8", "|": "M12 0V8"}
+MARKERS = {
+    "D": "M12 0L16 4L12 8L8 4Z",
+    "x": "M8 0L16 8M16 0L8 8",
+    "|": "M12 0V8",
+    "o-": "M0 4H24M10.5 4A1.5 1.5 0 1 0 13.5 4A1.5 1.5 0 1 0 10.5 4M11 4H13",
+    "o": "M9 4A3 3 0 1 0 15 4A3 3 0 1 0 9 4",
+}
 """Paths of matplotlib's markers in a legend, in place of a dash pattern."""
 
 

@@ -14,10 +14,11 @@ from .wording import estimate
 
 _OPEN = 12  # parameters in total, up to which no table is collapsed
 _LINES = 16  # of a table on the terminal, at most
-_CORRELATED = 36  # parameters whose correlations are drawn, at most
+_CORRELATED = 20  # parameters whose correlations are drawn, at most: more labels are unreadable
+_STRONG = 0.5  # correlation from which a pair is drawn
 CORRELATIONS = (
-    "Strong colours: two parameters that this motion determines together, so that one known value "
-    "narrows the other. Correlations of at least 0.5 are written out."
+    "Two parameters of strong colour are determined together by this motion: one known value "
+    "narrows the other. Shown are the parameters with the strongest correlations, from 0.5 on."
 )
 
 
@@ -125,7 +126,8 @@ def forests(parameters: Sequence[Parameter]) -> list[Forest]:
 
 
 def correlations(labels: Sequence[str], r: Array) -> list[HeatMap]:
-    """Correlations (k, k) as a heat map, of the first ones; empty for fewer than two."""
-    labels = list(labels)[:_CORRELATED]
-    r = r[:_CORRELATED, :_CORRELATED]
-    return [HeatMap("", labels, r)] if len(labels) > 1 else []
+    """Correlations (k, k) as a heat map, of those in the strongest pairs; empty if all are weak."""
+    strongest = np.abs(r - np.diag(np.diag(r))).max(axis=1, initial=0.0)
+    order = np.argsort(-strongest, kind="stable")[:_CORRELATED]
+    rows = sorted(k for k in order.tolist() if strongest[k] >= _STRONG)
+    return [HeatMap("", [labels[k] for k in rows], r[np.ix_(rows, rows)])] if len(rows) > 1 else []

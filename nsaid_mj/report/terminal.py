@@ -1,7 +1,7 @@
 """A page on the terminal: verdict, findings, and texts, tables and lists of brief sections.
 
-On a terminal lines are broken between words, and columns that do not fit are folded into lines below
-their row. A pipe or a file gets every column, row and finding, and each statement on one line.
+On a terminal lines are broken between words, and columns that do not fit are folded into lines
+below their row. A pipe or a file gets every column, row and finding, each statement on one line.
 """
 
 from collections.abc import Sequence

@@ -105,8 +105,8 @@ def moved(link: str, before: tuple[float, Array], after: tuple[float, Array]) ->
     new, changed = after
     was = np.linalg.eigvalsh(about)
     now = np.linalg.eigvalsh(changed)
-    wrong = f"no body of mass {rounded(old)} kg has moments of inertia {_listed(was)} kg·m²"
-    given = f"they were changed to {_listed(now)} kg·m²"
+    wrong = f"moments of inertia of {_listed(was)} kg·m² are not physical at {rounded(old)} kg"
+    given = f"{_listed(now)} kg·m² are used"
     if old != new:
         wrong = "it moves, but has no mass"
         given = f"it was given {rounded(new)} kg and moments of inertia {_listed(now)} kg·m²"

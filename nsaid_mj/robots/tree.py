@@ -276,9 +276,11 @@ def motors(
     ]
     driven = [joint for joint in joints if joint not in {*servos, *bare}]
     if driven:
-        text = "u is the motor's ctrl; the file's gains are " + ", ".join(
-            f"{gain[joints.index(joint)]:g}" for joint in driven
-        )
+        gears = [f"{gain[joints.index(joint)]:g}" for joint in driven]
+        same = f"all gears in the file are {gears[0]}"
+        text = f"u is the motors' ctrl; {same}"
+        if len(set(gears)) > 1:
+            text = f"u is the motors' ctrl; the gears in the file are {', '.join(gears)}"
         findings.append(Finding("note", "command", ", ".join(driven), text))
     return gain, limits, damping, tuple(bare) if mj.nu else (), findings
 

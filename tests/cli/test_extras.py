@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from nsaid_mj.base import optional
+from nsaid_mj.base.errors import MissingPackage
 from nsaid_mj.robots.assets import packed_robots
 from nsaid_mj.robots.loading import load_robot
 
@@ -96,3 +98,16 @@ def test_a_packed_robot_moves_as_the_one_it_was_packed_from(name: str) -> None:
         a, b = mine.vertices, original.geometry.vertices()
         assert (a.min(0) >= b.min(0) - 1e-6).all() and (a.max(0) <= b.max(0) + 1e-6).all()
         assert np.linalg.norm(np.ptp(a, axis=0)) > 0.75 * np.linalg.norm(np.ptp(b, axis=0))
+
+
+def test_a_missing_library_of_the_system_is_named_in_one_sentence(monkeypatch):
+    """As on slim images, where Pinocchio lacks libgomp."""
+
+    def imported(name: str) -> None:
+        raise ImportError("libgomp.so.1: cannot open shared object file: No such file or directory")
+
+    monkeypatch.setattr(optional, "import_module", imported)
+    with pytest.raises(MissingPackage) as caught:
+        optional.require("pinocchio", "arms", "A robot with joints")
+    said = str(caught.value)
+    assert "libgomp.so.1" in said and "apt-get install libgomp1" in said and "\n" not in said

@@ -1,6 +1,5 @@
 """Calibrated model files of an identification, and their trial by simulations on the log."""
 
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -165,10 +164,11 @@ def _followed(result: Identification, values: Identified) -> Finding:
 
 
 def _figure(value: float) -> str:
-    return number(value, significant=2) if math.isfinite(value) else "diverges"
+    return number(value, significant=2) if value < _LOST else "diverges"
 
 
 _WINDOW = 0.2  # length of a simulation [s]
+_LOST = 100.0  # error [rad or m] that no joint makes in that time unless its simulation diverges
 _LONGEST_STEP = 2e-3  # of the simulation [s]
 _MOST = 1000  # windows, at most, of a long log: their rms is known to a few percent
 

@@ -242,8 +242,8 @@ def suggest(problem: FitProblem, exact: Precision, parameters: tuple[Parameter, 
         )
     if weak:
         words += (
-            f" {', '.join(weak)}: this motion does not separate them from friction; a payload of "
-            "known mass, or faster motion of these joints, would."
+            f" This motion does not separate {', '.join(weak)} from friction. Move these joints "
+            "faster, or repeat the motion with a known payload."
         )
     return words.strip()
 

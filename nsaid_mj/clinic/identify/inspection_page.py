@@ -64,7 +64,7 @@ def result_of(found: Inspection) -> Result:
     """Whether `nsaid identify` would take the log; without a verdict if there is no model."""
     refusals = sum(finding.level == "refusal" for finding in found.findings)
     if refusals:
-        words = f"nsaid identify refuses this log: {count(refusals, 'refusal')} below."
+        words = f"nsaid identify rejects this log for {count(refusals, 'reason')}."
         return Result(explains="no", verdict=words)
     if any(finding.code == "unmatched" for finding in found.findings):
         words = "Columns could not be matched with the model: complete the map."

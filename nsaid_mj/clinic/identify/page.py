@@ -81,26 +81,21 @@ def identification_page(result: Identification, command: str = "") -> Page:
     histories = [panel for panel in panels if isinstance(panel, Curves) and panel.page]
     filtered = _FILTERED.format(number(result.cutoff), row)
     arm = row == "joint"
-    quality, *determined = _sections(result, figures_of)
+    quality, gains, *determined = _sections(result, figures_of)
+    predicted = Section(
+        f"{'Commands' if arm else 'Forces of the actuators'}, measured and predicted",
+        [Figures(figures_of(commands), rows), Text(filtered, note=True)],
+    )
+    checked = [
+        Figures(figures_of(validation), rows),
+        Text("This log took no part in the fit.", note=True),
+    ]
     sections = [
+        gains,
         quality,
         Section("Phases of the log", phases_table(result.recordings)),
-        Section(
-            f"{'Commands' if arm else 'Forces of the actuators'}, measured and predicted",
-            [
-                Figures(figures_of(commands), rows),
-                Text(filtered, note=True),
-            ],
-        ),
-        Section(
-            "Validation log",
-            [
-                Figures(figures_of(validation), rows),
-                Text("This log took no part in the fit.", note=True),
-            ]
-            if validation
-            else [],
-        ),
+        predicted,
+        Section("Validation log", checked if validation else []),
         *determined,
         Section(
             f"Law {result.law.name} along the log" if result.law else "",
@@ -197,9 +192,8 @@ def _sections(result: Identification, draw: Draw) -> list[Section]:
             "What fixes the common scale",
             [
                 Text(
-                    "A log of commands in unknown units predicts equally well with all inertias, "
-                    "frictions and gains multiplied by one factor. Here it rests on "
-                    f"{result.anchor}."
+                    "Scaling all inertias, frictions and gains by one factor does not change the "
+                    f"predictions. The scale used here rests on {result.anchor}."
                 ),
             ],
             brief=True,

@@ -146,8 +146,8 @@ def command_suspects(t: Array, forces: Array, names: Sequence[str]) -> Iterator[
         size = np.abs(signed) / max(float(np.sqrt(np.mean(signed**2))), 1e-300)
         for words, factor, more in (
             ("the sign of its force", np.sign(signed), "Its drive is weaker in one direction."),
-            ("the size of its force", size, "Check saturation and torque ripple."),
-            ("a dead zone of its force", 1 / np.maximum(size, _SMALL), "Check small commands."),
+            ("the size of its force", size, "It may saturate."),
+            ("a dead zone of its force", 1 / np.maximum(size, _SMALL), "It may have a dead zone."),
         ):
             remedy = f"Its force is not proportional to the command. {more}"
             yield Suspect(words, name, (own * factor[:, None])[:, :, None], remedy)
@@ -266,7 +266,7 @@ def _own(rows: JointRows, choice: Choice) -> Iterator[Suspect]:
             ),
             "its load": (
                 rows.diagonal["load"][choice.speed[j]][:, [j]],
-                "Its friction grows with the load: add the column `load`.",
+                "Its friction grows with the load: rerun with `--columns load`.",
             ),
         }
         for i in (j - 1, j + 1):

@@ -58,28 +58,25 @@ def verdict(
     scale: Scale | None = None,
     arm: bool = True,
 ) -> tuple[Explains, str]:
-    """Whether the structure explains the log, and the verdict in a few sentences.
+    """Whether the structure explains the log, and the verdict: one sentence, and one remedy.
 
-    With `arm` the parts are joints; a vehicle has velocities.
+    What the user told and the log contradicts stands in place of the figures. With `arm` the parts
+    are joints; a vehicle has velocities.
     """
     explains, sentence = _of_predictions(joints, arm)
     told = [f for f in findings if f.code == CONTRADICTED]
     doubts = [f for f in findings if f.code == "residuals" and f.level == "warning"]
     unfixed = scale is not None and not scale.fixed
-    for f in reversed(told):
-        sentence = f"{_capital(f)}. {sentence}"
-    if doubts and explains != "no":
+    clauses = [_capital(told[0]) if told else sentence.removesuffix(".")]
+    if doubts and not told and explains != "no":
         worst = max(doubts, key=lambda f: float(str(f.data.get("share", 0.0))))
-        more = f", and {len(doubts) - 1} more as below" if len(doubts) > 1 else ""
-        where = worst.where or "all joints"
-        sentence += f" The residuals are not random: {where}: {worst.text}{more}."
-    if unfixed and explains != "no":
+        more = f" (and {len(doubts) - 1} more)" if len(doubts) > 1 else ""
+        clauses.append(f"{worst.where or 'all joints'}: {worst.text.partition(' (')[0]}{more}")
+    if unfixed and not told and explains != "no":
         assert scale is not None
         each = f" within each of the {scale.limbs} limbs" if scale.limbs > 1 else ""
-        sentence += (
-            f" The overall scale rests on {scale.words.partition(':')[0]}: ratios of parameters "
-            f"hold{each}, {scale.bounds}."
-        )
+        clauses.append(f"ratios of parameters hold{each}, {scale.bounds}")
+    sentence = f"{'; '.join(clauses)}."
     if told or doubts or unfixed:
         explains = "no" if explains == "no" else "partly"
     remedy = next(_remedies(told, doubts, findings, scale), "")

@@ -126,6 +126,21 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
     write_xml(path, root, _REMARK.format(verdict=result.verdict, **parts))
 
 
+def servos_of_file(result: ServoIdentification) -> Array:
+    """(4, n) kp, kv with the joint's damping, armature and frictionloss in the user's own file."""
+    source = result.robot.source
+    assert source is not None  # a model with servos comes from a file
+    mj = compile_file(source)[1]
+    joints = [servo.name for servo in result.servos]
+    names = joint_names(mj)
+    own = [actuators_of(mj, names.index(joint))[0] for joint in joints]
+    dof = JointMap(mj, joints).dof
+    kv = mj.dof_damping[dof] - mj.actuator_biasprm[own, 2]
+    return np.array(
+        [mj.actuator_gainprm[own, 0], kv, mj.dof_armature[dof], mj.dof_frictionloss[dof]]
+    )
+
+
 def stiff_notes(result: ServoIdentification) -> tuple[Finding, ...]:
     """Reports servos for which the exported file has another integrator."""
     source = result.robot.source

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ... import __version__
-from ...core import moving_joints, slides
+from ...core import Array, moving_joints, slides
 from ...report import (
     Cell,
     Comparison,
@@ -20,9 +20,12 @@ from ...report import (
     Text,
     count,
     figures_of,
+    forests,
+    robot_picture,
 )
 from ..identify.comparison import Score
 from ..identify.curves import replays_of
+from .export import servos_of_file
 from .logs import ServoLog
 from .result import UNTOLD, Replayed, ServoIdentification
 
@@ -39,6 +42,7 @@ _UNITS = {
 # of hinges and slides
 _REPLAYED = 30.0  # of a log that are drawn [s]
 _PER_SERVO = 6  # parameters
+_WIDE = 10.0  # upper end over the estimate, above which no interval is drawn
 
 
 def servo_page(
@@ -49,7 +53,12 @@ def servo_page(
     `commands` repeat the identification and show its recording; the first log of `replay` is drawn.
     """
     sections = [Section("Servos", _servos(result), brief=True)]
+    if result.robot.source is not None:
+        sections += compared(result, servos_of_file(result))
     if replay is not None:
+        start = result.robot.system.position(replay.logs[0].position[:1])[0]
+        sketch = robot_picture(result.robot.visuals, start, result.robot.name)
+        sections[0] = replace(sections[0], beside=sketch)
         result = replace(result, curves=replays_of(result, replay))
         sections.append(_replay(result, replay.logs[0]))
     return Page(
@@ -61,6 +70,48 @@ def servo_page(
         commands=commands,
         versions={"nsaid-mj": __version__},
     )
+
+
+def compared(result: ServoIdentification, before: Array) -> list[Section]:
+    """Identified numbers beside those of the user's file, (4, n) of `servos_of_file`."""
+    title = "The model file's values, and the identified ones"
+    return [
+        Section(title, _changed(result, before)),
+        Section("Intervals", _intervals(result, before)),
+    ]
+
+
+def _changed(result: ServoIdentification, before: Array) -> list[PageItem]:
+    """What the exported file states in place of the user's: `before` (4, n) of `servos_of_file`."""
+    lines: list[list[Cell]] = []
+    for old, servo in zip(before.T, result.servos, strict=True):
+        new = servo.kp, servo.kv, servo.armature, servo.friction
+        pairs = zip(old.tolist(), new, strict=True)
+        lines.append([servo.name, *(f"{_number(a)} → {_number(b)}" for a, b in pairs)])
+    heads = ["servo", "kp", "kv", "armature", "frictionloss"]
+    words = "In MuJoCo's units. What carries ~ above holds only in combination with the others."
+    return [Table(heads, lines), Text(words, note=True)]
+
+
+def _intervals(result: ServoIdentification, before: Array) -> list[PageItem]:
+    """Every kind of number with its intervals, and the value that the user's file implies."""
+    kp, kv, armature, friction = before
+    with np.errstate(divide="ignore", invalid="ignore"):
+        stated = {"T": kv / kp, "f": friction / kp, "kp": kp, "armature": armature}
+    shown = []
+    for k, p in enumerate(result.parameters):
+        kind = p.name.partition("_")[0]
+        if kind in _SHOWN:
+            joint = k // _PER_SERVO
+            what = p.label.partition(" of ")[0]
+            label = f"{what} of {result.servos[joint].name}"
+            prior = float(stated[kind][joint]) if kind in stated else np.nan
+            wide = p.high > _WIDE * p.value  # an interval that hides all others
+            high = np.nan if wide else p.high
+            shown.append(replace(p, block=what, label=label, prior=prior, high=high))
+    words = f"Lines are 95 % intervals, up to {_WIDE:g} times the estimate; ◇: the model file."
+    note = Text(words, note=True)
+    return [Figures(figures_of(forests(shown))), note]
 
 
 def _replay(result: ServoIdentification, log: ServoLog) -> Section:
@@ -95,8 +146,8 @@ def _servos(result: ServoIdentification) -> list[PageItem]:
         panels.append(Text("~ only in combination with others; identification.json says which."))
     panels.append(
         Text(
-            "error: mean absolute error of the open-loop simulation; baseline: same for the delayed "
-            "target, or a constant."
+            "error: mean absolute error of the open-loop simulation; baseline: same for the "
+            "delayed target, or a constant."
         )
     )
     return panels

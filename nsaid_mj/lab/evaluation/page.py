@@ -43,7 +43,7 @@ from .verify import Verification
 _FIRST = 5  # unobservable directions that are not folded
 _COMPILED = 0.5  # compile times below this are not mentioned [s]
 _NO_RERUN = "none, as Rerun is not installed: pip install 'nsaid-mj[view]'"
-_HELD = "Intervals hold the mean of the actuators' gains, since the common scale is unobservable."
+_HELD = "Intervals are relative to the mean gain, because the common scale is unobservable."
 _FORCES = {
     True: "On the held-out trajectory, which no identifier has seen. Measured: the actuators' "
     "force at the command, under the estimated gains. Predicted: the force that the motion needs "
@@ -58,12 +58,6 @@ _FILES = (
     "same versions of all packages the record is identical to the bit. All figures are in "
     "summary.json, all samples in record.arrow, the recording is run.rrd."
 )
-_SCRIPT = """\
-from pathlib import Path
-
-from nsaid_mj import Scenario, run
-
-run(Scenario.from_json(Path("scenario.json").read_text()), Path("again"))"""
 
 
 def page(
@@ -117,7 +111,7 @@ def page(
         sections=[section for section in sections if section.panels],
         commands=[
             *filter(None, [command]),
-            _SCRIPT,
+            f"nsaid run {shlex.quote(str(run.folder / 'scenario.json'))}",
             f"nsaid view {folder}",
             f"nsaid verify --run {folder}",
         ],

@@ -158,8 +158,8 @@ def _definiteness(run: Run, truth: Truth | None) -> Definiteness:
     if truth is not None:
         margin, least = assumption_46(run, truth)
     pivots = record["pivot"][1:]
-    pivots = pivots[pivots != 0]  # 0: no M̂ was factored for this row
-    pivot = float(pivots.min()) if len(pivots) else None
+    stated = np.flatnonzero(pivots)  # `efficient` factorises no M̂ before its first estimate
+    pivot = float(pivots[stated[0] :].min()) if len(stated) else None
     return Definiteness(
         assumption_46_margin=finite(margin),
         least_mass_eigenvalue=finite(least),

@@ -119,9 +119,9 @@ class RunResult(Result):
         worst = phrase(labels[name] for name in stated.worst_known[0].parameters)
         low = stated.below_noise
         lines = [
-            f"{stated.directions} observable directions, known with a standard deviation of "
-            f"{share_in_words(stated.deviation_median)} of ‖θ̂‖ in the median, of "
-            f"{share_in_words(stated.deviation_largest)} at worst ({worst})"
+            f"{stated.directions} observable directions: standard deviation "
+            f"{share_in_words(stated.deviation_median)} of ‖θ̂‖ (median), "
+            f"{share_in_words(stated.deviation_largest)} (worst: {worst})"
             + (f"; {low} below the noise" if low else "")
         ]
         if (covered := stated.covered) is not None:
@@ -151,8 +151,8 @@ class RunResult(Result):
         alone = [one.labels[0] for one in directions if len(one.labels) == 1]
         found = [(one.direction, one.fix) for one in directions if len(one.labels) > 1]
         if alone:
-            words = f"{phrase(alone)}: no effect on the motion"
-            found.insert(1, (words, "has to be known beforehand"))
+            words = f"{phrase(alone)}: does not affect the motion"
+            found.insert(1, (words, "cannot be identified; the model file's value is kept"))
         return found
 
 

@@ -168,8 +168,8 @@ class Definiteness:
         assumption_46_margin: margin of assumption (46) [SI], negative if it is violated; None for a
             law without a constant Γ.
         least_mass_eigenvalue: smallest λ_min(M(x, θ)) over the run [SI].
-        least_estimated_pivot: smallest pivot of M̂ in any step after the first [SI]; None if M̂ was
-            never factored.
+        least_estimated_pivot: smallest pivot of M̂ in any step from the law's first estimate on
+            [SI]; 0 if M̂ was not positive definite, None if none was factored.
     """
 
     assumption_46_margin: float | None = compared()

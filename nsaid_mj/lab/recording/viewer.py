@@ -40,7 +40,12 @@ def serving(port: int, web_port: int) -> list[str]:
 
 
 def program() -> list[str]:
-    """Command of the viewer binary; terminating Rerun's console script would leave it running."""
+    """Command of the viewer binary; terminating Rerun's console script would leave it running.
+
+    The viewer sends no usage data unless the user sets FORCE_RERUN_ANALYTICS: it sends none where
+    `CI` is set, and its file of settings does not tell a wish from a default.
+    """
+    os.environ.setdefault("CI", "true")  # of this process, which starts the viewer last
     folder = Path(rerun_cli.__file__).parent
     for name in ("Rerun.app/Contents/MacOS/Rerun", "rerun", "rerun.exe"):
         if (folder / name).is_file():

@@ -1,6 +1,7 @@
 """The page of a study: its verdict with the plots that carry it, its table, and more plots."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from ...report import Figure, Figures, Page, Result, Section, Text
 from .runs import Runs
@@ -39,10 +40,12 @@ def study_page(
         sections.append(Section("More plots", [Figures(more), Text(legend, note=True)]))
     elif drawn:
         sections.append(Section("About the plots", [Text(legend, note=True)]))
+    name = Path(runs.manifest["script"]).stem
     return Page(
-        heading=runs.folder.name,
+        heading=name,
         result=result,
         eyebrow=eyebrow,
+        tab=f"{name} · {runs.folder.name}",
         lead=lead,
         carrying=drawn[:carrying],
         sections=sections,

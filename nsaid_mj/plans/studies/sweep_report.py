@@ -1,5 +1,6 @@
 """The report of a sweep: distributions of its figures over the varied fields, and failures."""
 
+import shlex
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -26,6 +27,7 @@ from ...report import (
 from ...report import line as plots_line
 from .folder import PICTURE
 from .runs import RunGroup, Runs
+from .study import repeated
 from .study_page import study_page
 from .sweep import SPREADS, lead_of, sweep_result, table_of
 
@@ -75,12 +77,25 @@ def sweep_page(runs: Runs, lines: Sequence[Mapping[str, Draw]] = ()) -> Page:
         drawn=drawn,
         carrying=first,
         legend=_NOTE.format(thinned=f" (at most {_DOTS} in a column)" if thinned else ""),
-        eyebrow=f"many runs of {manifest['script']}",
+        eyebrow=f"{'Monte Carlo' if 'montecarlo' in manifest else 'sweep'} of {manifest['script']}",
+        commands=[_command(manifest)],
         notes=[
             "The plan is in manifest.json, all runs are in rows.jsonl and results.parquet. Run k "
             f"depends only on the master seed {manifest['master_seed']} and on k."
         ],
     )
+
+
+def _command(manifest: Mapping[str, Any]) -> str:
+    """The command line that repeats a sweep or a Monte Carlo study."""
+    if "montecarlo" in manifest:
+        own = "" if manifest["montecarlo"]["shared"] else " --own-plants"
+        return repeated("montecarlo", manifest, {"runs": [manifest["runs"]]}) + own
+    words = [repeated("sweep", manifest, {"seeds": [manifest["seeds"]]})]
+    for path, values in manifest["vary"].items():
+        varied = f"{path}={','.join(map(str, values))}"
+        words += ["--vary", shlex.quote(varied)]
+    return " ".join(words)
 
 
 # -- the panels --------------------------------------------------------------------------------

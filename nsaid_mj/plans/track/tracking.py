@@ -316,7 +316,7 @@ def medians_in_words(study: Study) -> str:
     return (
         f"{whose} the last {study.settings['last_seconds']:g} s, from true positions; "
         f"{study.scenario.sensors} sensors. "
-        "Effort: largest command over its limit."
+        "Effort: peak command, in % of its limit; at limit: share of the time at the limit."
     )
 
 

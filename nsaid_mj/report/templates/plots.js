@@ -1,5 +1,6 @@
 "use strict";
-// Makes every plot of a page interactive: values under the pointer, zoom by dragging, curves
+// Makes every plot of a page interactive: values under the pointer, zoom by dragging (along x only,
+// with Shift along both axes), curves
 // switched by their entries in the legend, and download as SVG and CSV. A plot's SVG holds its data
 // as JSON in <metadata>, see plots.svg; data-curve is the name of an element's curve, data-axes the
 // number of its axes. Zooming maps coordinates, which both linear and logarithmic axes permit.
@@ -130,7 +131,7 @@ class Plot {
       bar.append(made);
       return made;
     };
-    this.back = button("whole", "Show the whole plot again (or double-click it)", () => this.reset());
+    this.back = button("Reset zoom", "Show the whole plot again (or double-click it)", () => this.reset());
     this.back.hidden = true;
     button("SVG", "Download the plot as SVG", () => this.save("svg", "image/svg+xml", this.drawing()));
     if (this.axes.some((axes) => axes.curves.length)) button("CSV", "Download the curves as CSV", () => this.save("csv", "text/csv", this.table()));
@@ -161,7 +162,8 @@ class Plot {
     const [x, y, axes] = this.at(event);
     if (this.start) {
       const [x0, y0, of] = this.start, [left, top, right, bottom] = of.box;
-      const box = [Math.max(left, Math.min(x0, x)), Math.max(top, Math.min(y0, y)), Math.min(right, Math.max(x0, x)), Math.min(bottom, Math.max(y0, y))];
+      const box = [Math.max(left, Math.min(x0, x)), top, Math.min(right, Math.max(x0, x)), bottom];
+      if (event.shiftKey) [box[1], box[3]] = [Math.max(top, Math.min(y0, y)), Math.min(bottom, Math.max(y0, y))];
       this.dragged = box;
       ["x", "y"].forEach((name, k) => this.frame.setAttribute(name, box[k]));
       this.frame.setAttribute("width", Math.max(0, box[2] - box[0]));

@@ -175,7 +175,7 @@ def test_gains_are_guessed_from_torque_and_friction_together(log, path):
 
 
 def test_a_scale_that_rests_on_the_files_masses_is_said_to_do_so(log, free):
-    assert free.explains == "partly" and "rests on the masses of the model file" in free.verdict
+    assert free.explains == "partly" and "ratios of parameters hold" in free.verdict
     assert "identified" not in {p.status for p in free.parameters}
     for gain, true in zip(free.of("motor gain"), log.gain, strict=True):
         assert gain.low <= true <= gain.high

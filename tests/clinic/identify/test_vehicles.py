@@ -43,7 +43,7 @@ angular = {list(AXES[10:])}
 def test_a_quadrotors_delay_and_parameters_are_found(flight):
     folder, truth = flight
     found = identify_forces("hummingbird", folder / "flight.csv", mapping=folder / "map.toml")
-    assert found.explains == "partly" and "rests on the masses" in found.verdict
+    assert found.explains == "partly" and "ratios of parameters hold" in found.verdict
     assert not [p.name for p in found.parameters if p.status == "identified"]
     assert found.joints[0].delay == pytest.approx(DELAY, abs=0.005)
     values = np.array([p.value for p in found.parameters[: len(truth)]])

@@ -216,3 +216,13 @@ def test_help_is_on_stdout():
     assert code == 0 and said.out.startswith("usage: nsaid verify") and "--run FOLDER" in said.out
     code, said = shell("verify", "scalar_rov", "--help")
     assert code == 0 and "nsaid verify scalar_rov" in said.out
+
+
+def test_75_is_judged_against_what_the_sensors_noise_would_hide(honest):
+    """An excitation above rounding errors, but below the noise, is not yet one."""
+    said = {}
+    for noise in (1e-9, 1e3):
+        sensors = replace(honest.scenario.noise, velocity=noise)
+        said[noise] = words(judged(replace(honest, scenario=replace(LONG, noise=sensors))))
+    assert said[1e-9]["(75)"] == "holds" and said[1e3]["(75)"] == "not yet"
+    assert said[1e3]["Theorem 2"] == "holds"

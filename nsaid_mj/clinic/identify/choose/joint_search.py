@@ -524,7 +524,8 @@ def with_constants(
             possible = found.get(f"stiffness_{j + 1}", 0.0) >= 0
             if possible and improves(best, errors, option.criterion):
                 fall = 100 * (1 - np.exp(np.log(errors / best).mean()))
-                text = f"{words}; held-out errors, all joints multiplied, fall by {fall:.0f} %"
+                text = f"added {words}; the geometric mean of the held-out errors falls by "
+                text += f"{fall:.0f} %"
                 findings.append(Finding("note", "columns", name, text, data={"columns": [column]}))
                 choice, best, fitted = trial, errors, found
     return choice, findings
