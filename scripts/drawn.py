@@ -202,16 +202,17 @@ def nearest(file: str) -> tuple[str, ...]:
 
 
 def _ranked(files: list[str], tests: dict[Path, str]) -> list[Path]:
-    """The tests that import any of some modules; first those of the same place, and name."""
+    """The tests that import any of some modules, or mirror them; first those of its place, name."""
     ranked = []
     for path, text in tests.items():
         rank = 0
         for file in files:
             source = Path(file)
-            if _from_outside(file).search(text):
-                mirrored = ROOT / "tests" / source.relative_to("nsaid_mj").parent
-                close = mirrored.is_relative_to(path.parent)
-                rank = max(rank, 1 + close + 2 * (source.stem.strip("_") in path.stem))
+            mirrored = ROOT / "tests" / source.relative_to("nsaid_mj").parent
+            close = mirrored.is_relative_to(path.parent)
+            named = source.stem.strip("_") in path.stem
+            if (close and named) or _from_outside(file).search(text):
+                rank = max(rank, 1 + close + 2 * named)
         if rank:
             ranked.append((-rank, path))
     return [path for _, path in sorted(ranked)]
