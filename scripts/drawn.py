@@ -37,6 +37,9 @@ _LIKE = {
 } | {"minimum": "maximum", "maximum": "minimum", "first": "last", "last": "first"}
 
 
+_IMPORTS = re.compile(r"from (\.+)([\w.]*) import (\([^)]*\)|[^\n]*)")
+
+
 class Fault(NamedTuple):
     """A file with one wrong line.
 
@@ -194,7 +197,7 @@ def nearest(file: str) -> tuple[str, ...]:
             name
             for one in left
             for name, text in sources.items()
-            if name not in asked and _from_house(one).search(text)
+            if name not in asked and one in _imports(name, text)
         }
         asked |= users
         left = sorted(users)
@@ -202,16 +205,17 @@ def nearest(file: str) -> tuple[str, ...]:
 
 
 def _ranked(files: list[str], tests: dict[Path, str]) -> list[Path]:
-    """The tests that import any of some modules; first those of the same place, and name."""
+    """The tests that import any of some modules, or mirror them; first those of its place, name."""
     ranked = []
     for path, text in tests.items():
         rank = 0
         for file in files:
             source = Path(file)
-            if _from_outside(file).search(text):
-                mirrored = ROOT / "tests" / source.relative_to("nsaid_mj").parent
-                close = mirrored.is_relative_to(path.parent)
-                rank = max(rank, 1 + close + 2 * (source.stem.strip("_") in path.stem))
+            mirrored = ROOT / "tests" / source.relative_to("nsaid_mj").parent
+            close = mirrored.is_relative_to(path.parent)
+            named = source.stem.strip("_") in path.stem
+            if (close and named) or _from_outside(file).search(text):
+                rank = max(rank, 1 + close + 2 * named)
         if rank:
             ranked.append((-rank, path))
     return [path for _, path in sorted(ranked)]
@@ -224,7 +228,11 @@ def _from_outside(file: str) -> re.Pattern[str]:
     return re.compile(rf"{whole}\b|from {re.escape(parent)} import (\([^)]*|.*)\b{stem}\b")
 
 
-def _from_house(file: str) -> re.Pattern[str]:
-    """How another module of the package imports one."""
-    stem = Path(file).stem
-    return re.compile(rf"from \.+[\w.]*\b{stem} import|from \.+[\w.]* import [^\n]*\b{stem}\b")
+def _imports(name: str, text: str) -> set[str]:
+    """The files that a file of the package imports relative to itself, as far as they exist."""
+    found: set[str] = set()
+    for dots, module, names in _IMPORTS.findall(text):
+        base = Path(name).parents[len(dots) - 1].joinpath(*module.split("."))
+        parts = [part.split(" as ")[0].strip() for part in names.strip("()").split(",")]
+        found |= {f"{base.as_posix()}.py", *(f"{base.as_posix()}/{part}.py" for part in parts)}
+    return found

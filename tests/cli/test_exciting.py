@@ -40,6 +40,8 @@ def test_excite_writes_a_motion_a_scenario_a_page_and_a_recording(folder):
     }
     document = json.loads((folder / "design.json").read_text(encoding="utf-8"))
     assert max(document["uses"].values()) <= 1
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert ("best remedy" in page) == bool(document["weak"])
     head, *rows = (folder / "motion.csv").read_text(encoding="utf-8").splitlines()
     assert head == "t,q_joint1,q_joint2,v_joint1,v_joint2,a_joint1,a_joint2"
     assert len(rows) == 1 + round(3 / load("double_pendulum").dt)
