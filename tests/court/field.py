@@ -64,7 +64,7 @@ class Tried:
         return asdict(self)
 
     def believe(self, found: Judgement) -> None:
-        """Takes what is wrong with a result that nothing doubts; `right` unless wrong or refused."""
+        """Takes what is wrong with a result that nothing doubts; a refused log is not `right`."""
         confident = found.manner == "confident"
         self.confident |= confident
         self.wrong += found.wrong if confident else []

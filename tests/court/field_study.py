@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -40,15 +40,34 @@ def wrong(line: Line) -> bool:
     return bool(line.get("wrong")) and line["confident"]
 
 
-def table(lines: Sequence[Line]) -> str:
-    """The table by kind, with all kinds in its last row."""
-    names = dict.fromkeys(line["kind"] for line in lines)
+GROUPS = {
+    "healthy": ("healthy", "gentle"),
+    "clock": ("clock",),
+    "signs": ("reversed", "signs of rates"),
+    "units, motor side": ("degrees", "deg/s", "rpm", "motor side", "radians"),
+    "order": ("swapped", "order"),
+    "frames": ("NED", "FRD", "world velocities", "inverse"),
+    "dead command": ("dead",),
+    "phases": ("phases",),
+}
+"""Groups of kinds by words in their names, the first that holds; others stand alone."""
+
+
+def group_of(kind: str) -> str:
+    """The group of a kind."""
+    some = (group for group, words in GROUPS.items() if any(word in kind for word in words))
+    return next(some, kind)
+
+
+def table(lines: Sequence[Line], name_of: Callable[[str], str] = group_of) -> str:
+    """The table by group or by another name of each kind, with all kinds in its last row."""
+    names = dict.fromkeys(name_of(line["kind"]) for line in lines)
     head = (
         f"| kind | draws | named first (≥ {100 * BARS['named']:.0f} %) | alone "
         f"| ends right (≥ {100 * BARS['right']:.0f} %) "
         f"| wrong, confident (≤ {100 * BARS['wrong']:.0f} %) | crash |"
     )
-    rows = [_row(name, [line for line in lines if line["kind"] == name]) for name in names]
+    rows = [_row(name, [line for line in lines if name_of(line["kind"]) == name]) for name in names]
     return "\n".join([head, "|---" * 7 + "|", *rows, _row("**all**", lines)])
 
 
@@ -130,7 +149,8 @@ def main(words: Sequence[str], description: str | None) -> None:
     first, last = map(int, chosen.seeds.split(":"))
     draws = [(kind, seed) for seed in range(first, last) for kind in chosen.only]
     lines = study(draws, chosen.json, chosen.jobs)
-    print(f"\n{table(lines)}\n\n{failures(lines)}\n\n{_stated(chosen.seeds)}")
+    tables = f"{table(lines, str)}\n\n{table(lines)}"
+    print(f"\n{tables}\n\n{failures(lines)}\n\n{_stated(chosen.seeds)}")
 
 
 def _stated(seeds: str) -> str:

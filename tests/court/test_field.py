@@ -7,8 +7,10 @@ import pytest
 from nsaid_mj.base.findings import Finding
 from tests.court import field
 from tests.court.field import Tried, judge_cause, numbers
-from tests.court.field_study import failures, line_of, table, wrong
+from tests.court.field_causes import Drawn
+from tests.court.field_study import failures, group_of, line_of, table, wrong
 from tests.court.judging import Judgement
+from tests.support.robot_logs import arm_log, two_joints
 
 CLOCK = Finding("refusal", "clock", "log_2.csv", "the clock runs twice too fast")
 UNIT = Finding("refusal", "velocity_mismatch", "elbow", "the velocity is wrong")
@@ -89,17 +91,34 @@ def test_the_table_counts_each_kind_and_all():
     rows = table(lines).splitlines()
     assert "| clock | 2 | 1/2 | 1/2 | 1/2 | 1/2 | 0 |" in rows
     assert "| healthy | 2 | 1/1 | 1/1 | – | 0/1 | 1 |" in rows
+    assert table(lines, str).splitlines()[2:] == rows[2:]  # here each kind is a group of its own
     assert rows[-1] == "| **all** | 4 | 2/3 | 2/3 | 1/2 | 1/3 | 1 |"
     assert len(failures(lines).splitlines()) == 2
+
+
+def test_kinds_are_grouped_by_what_is_wrong():
+    groups = {kind: group_of(kind) for kind in field.KINDS}
+    assert groups["vehicle's clock of a file"] == groups["clock without velocities"] == "clock"
+    assert groups["Euler angles, healthy"] == groups["phases: gentle"] == "healthy"
+    assert groups["Euler angles, all in NED"] == groups["twist in FRD"] == "frames"
+    assert groups["Euler angles, rates in deg/s"] == "units, motor side"
+    assert groups["PD law"] == "PD law" and len(set(groups.values())) == 14
 
 
 def test_a_cause_is_named_and_a_remedy_that_does_not_restore_the_log_is_tried(
     monkeypatch, tmp_path
 ):
     """What `identify` then says counts, here that a number is wrong."""
+    good, _ = arm_log(two_joints(), 0, duration=8.0)
+    reversed_ = {name: -x if "current" in name else x for name, x in good.items()}
+    run = SimpleNamespace(case=SimpleNamespace(robot="two joints"))
+    said = (("reversed_sign",), (), "commands negated")
+    drawn = Drawn("reversed commands", "", (reversed_,), (good,), "", (), *said, run)
+    monkeypatch.setattr(field.field_causes, "draw", lambda *_: drawn)
+    monkeypatch.setattr(field, "load_robot_model", lambda *_: two_joints())
     monkeypatch.setattr(field, "_judged", lambda *_: Judgement(wrong=["gain_1"]))
-    line = line_of(("rpm", 200))
-    assert line["named"] and line["alone"] and line["right"] and not wrong(line)
+    line = line_of(("reversed commands", 0))
+    assert line["named"] and line["alone"] and line["right"] and not wrong(line), line
     monkeypatch.setattr(field, "same", lambda *_: False)
-    found = field.cause("rpm", 200, tmp_path)
+    found = field.cause("reversed commands", 0, tmp_path)
     assert found.named and found.right is False and found.confident and found.wrong == ["gain_1"]

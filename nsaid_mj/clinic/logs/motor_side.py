@@ -18,6 +18,7 @@ _TRAVEL = np.pi  # of a joint, at least, for which a gear is looked for [rad]
 _RATIOS = np.geomspace(3.0, 300.0, 24)  # of robots' gears
 _NEAR = 0.25  # relative difference from 57.3 at which degrees are likelier
 _SURE = 0.6  # ratio of errors below which they are not
+_HALF = 0.5  # ratio of errors above which there is no gear
 _TOLD = 0.2  # product of the joints' ratios of errors below which a gear is certain
 
 
@@ -43,7 +44,7 @@ def motor_side(motion: LogMotion, robot: RobotModel, measured: Sequence[int]) ->
     around = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
     found = scipy.optimize.minimize_scalar(error, bounds=around, options={"maxiter": 15})
     ratio = float(np.exp(found.x))
-    told = (found.fun / plain) ** len(turning) < _TOLD
+    told = found.fun < _HALF * plain and (found.fun / plain) ** len(turning) < _TOLD
     near = abs(np.log(ratio / DEGREES)) < _NEAR and found.fun > _SURE * error(np.log(DEGREES))
     if not told or near:
         return None

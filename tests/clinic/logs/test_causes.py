@@ -141,6 +141,23 @@ def test_a_clock_without_velocities_is_seen_by_weight_and_inertia():
     assert (finding.code, finding.data["factor"]) == ("clock", 2.0)
 
 
+def test_milliseconds_without_velocities_are_a_clock_at_which_no_robot_is_recorded():
+    table = {n: x for n, x in _healthy(0).items() if not n.startswith("dq")}
+    table = _times(table, 1e-3, "t")
+    (finding,) = _findings(None, table)
+    assert (finding.code, finding.data["map"]) == ("clock", {"time.scale": 1000.0})
+    assert _findings(_mended([finding]), table) == []
+
+
+@pytest.mark.parametrize("ratio", [9, 50])
+def test_angles_before_gears_are_told_by_the_weight(ratio):
+    """57.3 stays degrees, see `CHANGES`."""
+    names = [f"{v}{k}" for v in ("q", "dq") for k in (1, 2, 3)]
+    (finding,) = _findings(None, _times(_healthy(0), ratio, *names))
+    assert finding.code == "motor_side"
+    assert finding.data["ratio"] == pytest.approx(ratio, rel=0.03)
+
+
 def test_two_causes_are_two_findings_whose_remedies_mend_the_log_at_once():
     table = _times(_times(_healthy(0), 0.5, "t"), -1.0, "tau2")
     found = _findings(None, table)
