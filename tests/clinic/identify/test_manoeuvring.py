@@ -1,4 +1,4 @@
-"""A ship in a zig-zag at constant thrust: what manoeuvring adds to its sheet is found and fitted."""
+"""A ship in a zig-zag at constant thrust: what manoeuvring adds to its sheet is found."""
 
 import json
 from pathlib import Path
