@@ -48,8 +48,7 @@ def parameters_in_words(
     for index, (name, label, block, unit) in enumerate(rows):
         value = float(fit.theta[index])
         sd = float(deviation[index])
-        mass = unit == "kg" and "mass" in label  # a coupling of M is in kg, too, of either sign
-        positive = value > 0 and (space.geometries[index] == "positive" or mass)
+        positive = value > 0 and (space.geometries[index] == "positive" or unit == "kg")
         low, high = interval(value, sd, positive)
         if block == COLUMNS["load"].block:  # beyond 1, the load alone would hold the joint
             high = max(min(high, 1.0), value)
