@@ -42,6 +42,8 @@ from .result import (
 from .verdict import NOISE, verdict
 
 _FOLDS = 5
+_BY_LOAD = ", or weigh a load that one of two logs carries: --load."
+_BY_KNOWN = ", a mass or a moment of inertia that acts in the motion: --known."
 _POOR = 0.5  # NRMSE above which a joint's motion is not explained
 _RESTING = 0.2  # of the commands' variation in training: below it, a validation log hardly moves
 _WHITE = 1.3  # level of noise in every second row over that in all rows
@@ -185,6 +187,8 @@ def _identification(
     gain_spread = problem.spread[problem.space.actuators]
     stated = bool((gain_spread < TRUSTED).all())
     scale = common_scale(problem, exact, fit.theta, stated, robot.weightless, known)
+    if not robot.jointed:  # carries no load that one of two logs lacks
+        scale = scale._replace(remedy=scale.remedy.replace(_BY_LOAD, _BY_KNOWN))
     found = [*found, *idle_values(problem, scale, of_parameters(robot, known))]
     explains, sentence = verdict(joints, found, scale, robot.held)
     common = np.zeros(2 * fit.theta.shape) if scale.fixed else scale.weights

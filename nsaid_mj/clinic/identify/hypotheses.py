@@ -142,6 +142,11 @@ def _prediction(
     covariance = inverse_on(np.asarray(hessian), free, problem.space.scale)
     value = float(theta[index])
     sd = float(np.hypot(np.sqrt(covariance[index, index]), _TOLD * abs(value)))
+    for rival in fitted.made.rivals:  # that explain the log as well
+        other = informed(rival, known, robot.weightless)
+        if other.space.names == problem.space.names:
+            apart = minimise(other, tempered(other, fitted.share)).theta[index] - value
+            sd = float(np.hypot(sd, apart))
     if value > 0 and problem.space.geometries[index] != "free":
         factor = float(np.exp(min(INTERVAL * sd / value, 50.0)))
         return _Predicted(value, value / factor, value * factor)

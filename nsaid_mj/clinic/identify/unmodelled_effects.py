@@ -138,7 +138,10 @@ def command_suspects(t: Array, forces: Array, names: Sequence[str]) -> Iterator[
     t (N,) is in s.
     """
     late = ((t - t.mean()) / max(float(np.ptp(t)), 1e-300))[:, None]
-    fading = "The gain changes in time, as with the supply's voltage: identify shorter logs."
+    fading = (
+        "The gain changes in time, as with the supply's voltage: identify shorter logs, or give a "
+    )
+    fading += "vehicle's voltage in [battery] of the map."
     yield Suspect("all forces times the time", "", (forces.sum(axis=2) * late)[:, :, None], fading)
     for k, name in enumerate(names):
         own = forces[:, :, k]

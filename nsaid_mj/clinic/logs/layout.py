@@ -38,6 +38,8 @@ class Layout(NamedTuple):
     torque: Array | None = None  # (n_u, n_u) joint commands per motor command; None for a vehicle
     vehicle: Vehicle | None = None  # form of pose and twist; None for joints or own coordinates
     specific: tuple[ChannelSource, ...] = ()  # sources of a vehicle's specific force; () without
+    voltage: ChannelSource | None = None  # of a vehicle's battery over its nominal one
+    powered: tuple[bool, ...] = ()  # (n_u,) whether a command's effect goes down with it
     assumed: str = ""  # assumptions, in words; "" if the map or the names are complete
     pd: PdLaw | None = None  # law that makes torques of the commands, then targets; None for forces
     # robot whose joints without a source follow those that have one; None if all have one
@@ -50,7 +52,8 @@ class Layout(NamedTuple):
         more = self.pd.sources if self.pd else ()
         more = (*more, *(self.imu.sources if self.imu else ()))
         measured = (*self.velocities, *self.commands)
-        return (*self.positions, *filter(None, measured), *self.specific, *more)
+        supply = [self.voltage] if self.voltage else []
+        return (*self.positions, *filter(None, measured), *self.specific, *supply, *more)
 
     @property
     def command_units(self) -> tuple[str, ...]:
@@ -156,6 +159,8 @@ def layout(
     channels = channel_names(tables)
     if not robot.jointed:
         return _of_vehicle(mapping, robot, tables, channels)
+    if mapping.battery is not None:
+        raise InvalidInput("map: battery", "a vehicle", "a robot of joints", "Leave it out.")
     if not mapping.joints:
         under_pd = mapping.pd is not None
         named = [name for name in matching.named(robot) if name in robot.leaders]
@@ -377,8 +382,22 @@ def _of_vehicle(
     )
     felt = (vehicle.acceleration if vehicle else None) or ()
     specific = tuple(_source("velocity", _signed(name, channels)) for name in felt)
-    more = {"vehicle": vehicle, "specific": specific, "assumed": assumed}
+    voltage = None
+    if mapping.battery is not None:
+        own = ColumnMap(column=mapping.battery.voltage)
+        voltage = ChannelSource("command", own, 1 / mapping.battery.nominal)
+    powered = tuple(
+        source.column.unit_as("command") != "rpm"
+        and any(c.kind in _POWERED for c in robot.system.structure.columns if c.input == k)
+        for k, source in enumerate(commands)
+    )
+    supply = {"voltage": voltage, "powered": powered}
+    more = {"vehicle": vehicle, "specific": specific, "assumed": assumed, **supply}
     return _existing(Layout(positions, velocities, commands, **more), channels)
+
+
+_POWERED = {"rotor", "rotor_torque", "thruster", "propeller", "propeller_torque", "drive"}
+"""Kinds of columns of motors whose speed goes down with the supply's voltage."""
 
 
 def _signed(name: str, channels: Sequence[str]) -> ColumnMap:

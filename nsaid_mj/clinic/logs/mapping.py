@@ -453,6 +453,14 @@ class Contacts:
     flat: Flag | None = None  # whether a foot also exerts torques; None to see it from its shape
 
 
+@config
+class Battery:
+    """The supply of a vehicle's motors, with whose voltage the speed at a command goes down."""
+
+    voltage: Name  # column of its voltage
+    nominal: Positive  # voltage for which the commands count, in the same unit
+
+
 Span = Annotated[tuple[Number, ...], Field(min_length=2, max_length=2)]
 
 
@@ -482,6 +490,8 @@ class Map:
     vehicle: Vehicle | None = None  # pose and twist, for a vehicle instead of joints
     # commands of a vehicle by the names of its actuators
     actuators: dict[str, ColumnMap] = field(default_factory=dict)
+    # of a vehicle; None if its voltage is constant, or if the commands are measured speeds
+    battery: Battery | None = None
     hold: Flag = False  # whether a command holds from row to row (True) or is interpolated (False)
     drop_rest: Flag = True  # whether rows at rest are left out of the fit
     phases: Phases = field(default_factory=Phases)  # parts of the log that are left out

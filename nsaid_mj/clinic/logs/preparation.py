@@ -320,6 +320,8 @@ def _log(grid: Array, log: Cleaned, hold: bool, rate: float) -> Log:
             v_raw[:, none] = signals.derivative(q_raw[:, none], rate)
         v = made.v(v_raw, q)
     u = _by_pd(grid, log, q, v) if made.pd else made.u(_on_grid(log, grid, made.commands, hold))
+    if made.voltage is not None:  # a motor turns the more slowly the lower it is
+        u = u * np.where(made.powered, _on_grid(log, grid, [made.voltage]), 1.0)
     return Log(grid, made.placed(q, v, rate), v, u)
 
 

@@ -30,14 +30,15 @@ def _map(folder: Path, vehicle: str, name: str = "bluerov2", **actuators: str) -
 
 @pytest.fixture(scope="module")
 def dive(tmp_path_factory):
-    return draw_constant(3, tmp_path_factory.mktemp("dive"), 15.0, "bluerov2")
+    return draw_constant(3, tmp_path_factory.mktemp("dive"), 12.0, "bluerov2")
 
 
 @pytest.fixture(scope="module")
 def rotation(dive):
     folder = dive.logs[0].parent
     mapping = _map(folder, TURNS + RATES)
-    return identify("bluerov2", dive.logs, mapping=mapping, known={INERTIA: dive.truth[INERTIA]})
+    known = {INERTIA: dive.truth[INERTIA]}
+    return identify("bluerov2", dive.logs, mapping=mapping, known=known, delay=0.005, cutoff=4.0)
 
 
 def test_the_rotation_of_a_rov_is_identified_from_attitude_and_rates(dive, rotation):

@@ -31,6 +31,7 @@ def test_examples_are_maps(block):
         m.MotorCoupling,
         m.Pd,
         m.Vehicle,
+        m.Battery,
         m.Phases,
     ],
     ids=lambda p: p.__name__,

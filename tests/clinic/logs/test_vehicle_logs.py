@@ -10,7 +10,7 @@ from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.clinic.logs.checks import checks
 from nsaid_mj.clinic.logs.layout import layout
-from nsaid_mj.clinic.logs.mapping import Map, map_of
+from nsaid_mj.clinic.logs.mapping import Battery, ColumnMap, Map, map_of
 from nsaid_mj.clinic.logs.preparation import prepare
 from nsaid_mj.clinic.logs.tables import Channel, LogTable
 from nsaid_mj.clinic.logs.unusable import UnmatchedChannels
@@ -152,6 +152,23 @@ def test_the_velocity_that_a_log_lacks_is_derived(quadrotor, given):
     columns = named("p", POSITION) | named("a", TURN.as_quat()) | parts[given]
     mapping = vehicle_map(quadrotor, **{given: TWIST[given]})
     assert_ours(prepare([table(columns, quadrotor)], mapping, quadrotor), tolerance=5e-3)
+
+
+def test_a_batterys_voltage_scales_the_motors_commands(quadrotor):
+    volts = 16.0 - 0.2 * T
+    columns = named("p", POSITION) | named("a", TURN.as_quat()) | {"volt": volts}
+    made = table(columns, quadrotor)
+    plain = vehicle_map(quadrotor)
+    supplied = replace(plain, battery=Battery(voltage="volt", nominal=16.0))
+    before, after = (
+        prepare([made], mapping, quadrotor).segments[0].log.u for mapping in (plain, supplied)
+    )
+    np.testing.assert_allclose(after, before * (volts / 16.0)[:, None], atol=1e-9)
+    first = {"column": "m0", "unit": "rpm", "ratio": 1e-3}
+    actuators = supplied.actuators | {quadrotor.joints[0]: ColumnMap(**first)}
+    measured = prepare([made], replace(supplied, actuators=actuators), quadrotor)
+    speeds = prepare([made], replace(plain, actuators=actuators), quadrotor)
+    np.testing.assert_array_equal(measured.segments[0].log.u[:, 0], speeds.segments[0].log.u[:, 0])
 
 
 def _ardusub_table(robot: RobotModel, directions: dict[int, float]) -> tuple[LogTable, np.ndarray]:

@@ -137,7 +137,7 @@ def structured_vehicle(
     }
     return Structured(
         problem,
-        _alternatives(rows, columns, timing, timed.others, whole),
+        _alternatives(rows, columns, timing, timed.others),
         checked,
         tuple(JointStructure(name, **parts) for name in rate_labels(rows.system)),
         tuple(findings),
@@ -146,7 +146,7 @@ def structured_vehicle(
         suspects,
         acting=lambda u, rate: rows.acting_on_sheet(u, rate, timing),
         columns=rows.further(columns),
-        rivals=_rivals(rows, columns, timing),
+        rivals=tuple(_rivals(rows, columns, timing, whole)),
     )
 
 
@@ -333,20 +333,9 @@ def _most_informative(
 
 
 def _alternatives(
-    rows: VehicleRows,
-    columns: frozenset[str],
-    timing: Timing,
-    others: list[Timing],
-    whole: Completed | None,
+    rows: VehicleRows, columns: frozenset[str], timing: Timing, others: list[Timing]
 ) -> Iterator[FitProblem]:
-    """Other plausible problems: without further columns, at other timings, of a narrower filter.
-
-    And with less of the linear velocities by which a log of a rotation was completed (`whole`).
-    """
-    if whole is not None:
-        problem = rows.problem(columns, timing)
-        for otherwise in whole.otherwise(problem.nrmse(minimise(problem).theta)):
-            yield VehicleRows(rows.robot, otherwise, rows.chosen).problem(columns, timing)
+    """Other plausible problems: without further columns, at other timings, of a narrower filter."""
     if columns:
         yield rows.problem(frozenset(), timing)
     for other in others:
@@ -354,14 +343,21 @@ def _alternatives(
     yield _with_cutoff(rows, NARROWER).problem(columns, timing)
 
 
-def _rivals(rows: VehicleRows, columns: frozenset[str], timing: Timing) -> Iterator[FitProblem]:
-    """The fit of a manoeuvring vessel with the mass matrix of its sheet.
+def _rivals(
+    rows: VehicleRows, columns: frozenset[str], timing: Timing, whole: Completed | None
+) -> Iterator[FitProblem]:
+    """Problems that nothing in the log tells from the one that is fitted.
 
-    Sway and turning go together in a zig-zag and hardly tell inertia from what manoeuvring adds:
-    the noise of accelerations decides, and takes inertia for smaller than it is.
+    Those of a log of a rotation (`whole`) have less of the linear velocities by which it was
+    completed. That of a manoeuvring vessel has the mass matrix of its sheet: sway and turning go
+    together in a zig-zag and hardly tell inertia from what manoeuvring adds, so that the noise of
+    accelerations decides, and takes inertia for smaller than it is.
     """
+    own = rows.problem(columns, timing)
+    if whole is not None:
+        for otherwise in whole.otherwise(own.nrmse(minimise(own).theta)):
+            yield VehicleRows(rows.robot, otherwise, rows.chosen).problem(columns, timing)
     if "manoeuvring" in columns:
-        own = rows.problem(columns, timing)
         kinds = own.space.geometries
         matrix = (kinds != "positive") & (kinds != "free")
         yield replace(own, known=own.known | matrix)
