@@ -25,6 +25,7 @@ from .options import CUTOFF, FURTHER_COLUMNS, NUMBER, improves
 from .thruster_curve import TRIALS, ThrusterCurve, fitted_curve, rough_curve
 from .timing import Timed, Timing, search
 
+_IN_FLIGHT = 0.1  # quantile of a rotor's commands at which it turns for certain
 _ROUNDS = 3  # of choosing timing and cut-off in turn
 
 
@@ -159,7 +160,9 @@ def _searched(
         return clock_offset(needed, acting, rows.t, rows.segment)
 
     period = 1 / rows.recordings.rate
-    return search(cost, rows.robot.joints, free, report, period, offset)
+    own = np.abs(np.concatenate([s.log.u[:, rows.rotors] for s in rows.recordings.segments]))
+    turning = float(np.quantile(own, _IN_FLIGHT, axis=0).min()) if rows.rotors else 0.0
+    return search(cost, rows.robot.joints, free, report, period, offset, turning)
 
 
 def _curved(
