@@ -39,7 +39,7 @@ from .result import (
     recording_shifts,
     statistics_of,
 )
-from .verdict import NOISE, verdict
+from .verdict import verdict
 
 _FOLDS = 5
 _BY_LOAD = ", or weigh a load that one of two logs carries: --load."
@@ -160,7 +160,6 @@ def _judged(
     exact = widened(exact, left)
     checked = [np.nan if joint.validation is None else joint.validation for joint in joints]
     worse = np.where(np.isnan(held_out), np.nan, np.fmax(held_out, checked))
-    worse[[joint.noise * NOISE >= x for joint, x in zip(joints, worse, strict=True)]] = 0.0
     unexplained = structure_checks(tuple(joint.name for joint in joints), worse)
     if unexplained:
         share = _doubted(problem, [f.where for f in unexplained], arm)

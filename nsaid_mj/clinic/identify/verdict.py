@@ -21,8 +21,7 @@ CONTRADICTED = "contradicted"
 _CONFIRM = "Confirm it on a log of another motion: --validate."
 _GOOD = 0.2  # held-out NRMSE
 _FAIR = 0.5
-NOISE = 1.5
-"""Error over that of the commands' own noise up to which nothing more can be predicted."""
+_NOISE = 1.5  # error over that of the command's own noise, which no structure can predict
 _OF_MOTOR = 0.3  # error over a motor's largest force, above which it explains nothing of use
 
 
@@ -128,7 +127,11 @@ def _of_predictions(joints: Sequence[JointStructure], arm: bool) -> tuple[Explai
     checked = [j.validation for j in joints if j.validation is not None]
     if np.isfinite(checked).any():
         figures += f"; on the validation log {_range(np.array(checked))}"
-    noisy = [j.name for j, x in zip(joints, values, strict=True) if _GOOD < x <= NOISE * j.noise]
+    noisy = [
+        j.name
+        for j, x in zip(joints, values, strict=True)
+        if _GOOD < x <= min(_NOISE * j.noise, _FAIR)
+    ]
     if noisy:
         figures += f"; of {', '.join(noisy)} that is the noise of the command itself"
     if poor:
@@ -151,8 +154,8 @@ def _judged(joint: JointStructure) -> Judged:
     checked = np.nan if joint.validation is None else joint.validation
     error = float(np.fmax(joint.held_out, checked))
     motor = _OF_MOTOR * joint.limit / joint.force if joint.force > 0 else np.inf
-    good = max(min(_GOOD, motor), NOISE * joint.noise)
-    return Judged(joint.name, error, good, max(_FAIR, good))
+    good = min(max(_GOOD, _NOISE * joint.noise), motor, _FAIR)
+    return Judged(joint.name, error, good, _FAIR)
 
 
 def _in_forces(worst: JointStructure) -> str:

@@ -275,7 +275,7 @@ def rollout(
             mj.opt.timestep = interval / steps
             data.ctrl[servos] = target[k]
             mujoco.mj_step(mj, data, steps)
-            out[k + 1] = data.qpos[where.qpos]
+            out[k + 1] = where.read(data)[0]
     return out
 
 

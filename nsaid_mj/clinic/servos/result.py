@@ -265,7 +265,9 @@ def _further(joints: Sequence[JointEstimate], loaded: bool) -> str:
     half = {j.name: j.quantile[DAMPING] * np.sqrt(j.covariance[DAMPING, DAMPING]) for j in joints}
     slow = [joint.name for joint in joints if joint.judged and not half[joint.name] < _FIRM]
     if slow:
-        return f"{_FASTER} of {', '.join(slow)}: slow motion tells only kv/kp + delay."
+        every = len(slow) > 1 and len(slow) == sum(joint.judged for joint in joints)
+        who = "all joints" if every else ", ".join(slow)
+        return f"{_FASTER} of {who}: slow motion tells only kv/kp + delay."
     return "" if loaded else _WEIGH
 
 

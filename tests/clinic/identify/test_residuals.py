@@ -471,3 +471,19 @@ def test_a_gear_does_not_twist_by_more_than_gears_can(tmp_path):
         suspect = true._replace(most=most)
         left = followed(problem, fit.theta, exact.covariance, np.ones(2), [suspect])
         assert len(left) == count
+
+
+def test_a_play_is_not_told_far_from_the_one_that_was_simulated():
+    """How often a link crosses its play depends on the play; of one gear, one effect is named."""
+    problem, true, _ = bent(0.8)
+    fit, exact, _ = left_in(problem)
+
+    def entered(*suspects):
+        return followed(problem, fit.theta, exact.covariance, np.ones(2), suspects)
+
+    assert not entered(true._replace(least=1.2))
+    assert len(entered(true._replace(least=0.5))) == 1
+    other = true._replace(words="another effect", columns=true.columns**3)
+    assert len(entered(true._replace(part="gear"), other._replace(part="gear"))) == 1
+    assert true._replace(part="gear").cause == other._replace(part="gear").cause
+    assert true.cause != other.cause

@@ -169,8 +169,8 @@ def test_trials_begin_at_the_motion_and_end_above_the_usual():
 # -- vehicles --------------------------------------------------------------------------------------
 
 
-def timed(cost, free=(0, 1)):
-    return search(cost, NAMES, list(free), lambda _: None, 0.01)
+def timed(cost, free=(0, 1), **more):
+    return search(cost, NAMES, list(free), lambda _: None, 0.01, **more)
 
 
 def bowl(delay: float, lag: float, deep: float = 1e5):
@@ -200,6 +200,7 @@ def test_a_dead_zone_of_rotors_is_sought_with_their_curve_and_told():
     assert any(abs(other.dead - found.timing.dead) > 0.003 for other in found.others)
     (curve,) = [f for f in found.findings if f.code == "curve"]
     assert "with x = (u − 0.12)/0.88 of the command u" in curve.text
+    assert timed(cost, (0, 1, 2, 3), turning=0.05).timing.dead <= 0.05  # where rotors turn
     plain = timed(lambda x: 1e4 * (x.delay**2 + x.lag**2 + (x.mix - 1) ** 2), (0, 1, 2, 3))
     assert plain.timing.dead == 0
 

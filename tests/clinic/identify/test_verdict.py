@@ -31,9 +31,10 @@ def test_the_error_is_told_in_the_unit_of_the_force_and_the_next_step_is_named()
 
 
 def test_an_error_that_is_the_commands_own_noise_is_explained():
-    assert verdict([joint(held_out=0.6)])[0] == "no"
-    explains, sentence = verdict([joint(held_out=0.6, noise=0.55)])
+    assert verdict([joint(held_out=0.4)])[0] == "partly"
+    explains, sentence = verdict([joint(held_out=0.4, noise=0.35)])
     assert explains == "yes" and "noise of the command itself" in sentence
+    assert verdict([joint(held_out=0.9, noise=0.9)])[0] == "no"  # a command of noise alone
 
 
 def test_an_error_of_most_of_a_motors_force_does_not_explain():

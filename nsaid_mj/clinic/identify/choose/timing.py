@@ -75,6 +75,7 @@ def search(
     report: Callable[[str], None],
     period: float,
     offset: Callable[[], float | None] = lambda: None,
+    turning: float = _WIDEST,
 ) -> Timed:
     """The timing that minimises a cost, and equally plausible ones.
 
@@ -107,7 +108,7 @@ def search(
 
     def along(x: Array) -> float:
         timing = _timing_of(x, earliest)
-        return np.inf if timing is None else cost(timing)
+        return np.inf if timing is None or timing.dead > turning else cost(timing)
 
     if 1 in free:
         report("choosing the actuators' curve and lag")

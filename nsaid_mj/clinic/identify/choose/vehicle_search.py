@@ -30,6 +30,7 @@ from .timing import Timed, Timing, search
 _ALIKE = 0.1  # difference of the logarithms of errors in one band that speaks against a cut-off
 _EXACT = 1e-3  # error that is as good as none
 _RESOLVED = 0.05  # offset of clocks over the period of the cut-off, from which it is told
+_IN_FLIGHT = 0.1  # quantile of a rotor's commands at which it turns for certain
 _ROUNDS = 3  # of choosing timing and cut-off in turn
 
 
@@ -247,7 +248,9 @@ def _searched(
         return clock_offset(needed, acting, rows.t, rows.segment)
 
     period = 1 / rows.recordings.rate
-    return search(cost, rows.robot.joints, free, report, period, offset)
+    own = np.abs(np.concatenate([s.log.u[:, rows.rotors] for s in rows.recordings.segments]))
+    turning = float(np.quantile(own, _IN_FLIGHT, axis=0).min()) if rows.rotors else 0.0
+    return search(cost, rows.robot.joints, free, report, period, offset, turning)
 
 
 def _curved(
