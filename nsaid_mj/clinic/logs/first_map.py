@@ -19,7 +19,8 @@ _HEAD = """\
 #
 """
 
-_OF_JOINTS = """# unit   of positions: rad, deg, turns, ticks (with counts_per_turn), m, mm
+_OF_JOINTS = """\
+# unit   of positions: rad, deg, turns, ticks (with counts_per_turn), m, mm
 #        of velocities: rad/s, deg/s, turns/s, rpm, ticks/s, m/s, mm/s
 #        of commands: N·m, mN·m, N, A, mA, V, %, raw, of rotors also rpm;
 #        of position targets: as of positions
@@ -31,7 +32,8 @@ _OF_JOINTS = """# unit   of positions: rad, deg, turns, ticks (with counts_per_t
 # rest   rows with a lower speed [rad/s or m/s] are not used
 """
 
-_OF_VEHICLE = """# [vehicle] is the motion: lists of columns, in m, m/s and rad/s; "-r" is a column against its axis.
+_OF_VEHICLE = """\
+# [vehicle] is the motion: lists of columns, in m, m/s and rad/s; "-r" is a column against its axis.
 # [actuators] is a column for each actuator:
 # ratio  factor from the column to the model's command, as 0.001 of a pulse width
 # offset added last: a pulse of 1000 to 2000 µs is -1 to 1 with ratio = 0.002, offset = -3
