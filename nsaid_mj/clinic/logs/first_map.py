@@ -17,6 +17,9 @@ _HEAD = """\
 # Which columns of the log are what. Written by `nsaid inspect`, to be checked and completed by
 # hand; pass it with `--map map.toml`. What is commented out is optional or was not found.
 #
+"""
+
+_OF_JOINTS = """\
 # unit   of positions: rad, deg, turns, ticks (with counts_per_turn), m, mm
 #        of velocities: rad/s, deg/s, turns/s, rpm, ticks/s, m/s, mm/s
 #        of commands: N·m, mN·m, N, A, mA, V, %, raw, of rotors also rpm;
@@ -27,6 +30,13 @@ _HEAD = """\
 # points [[value, position], [value, position]] in place of all these: positions [rad or m] that
 #        two values stand for, as of a range from -100 to 100
 # rest   rows with a lower speed [rad/s or m/s] are not used
+"""
+
+_OF_VEHICLE = """\
+# [vehicle] is the motion: lists of columns, in m, m/s and rad/s; "-r" is a column against its axis.
+# [actuators] is a column for each actuator:
+# ratio  factor from the column to the model's command, as 0.001 of a pulse width
+# offset added last: a pulse of 1000 to 2000 µs is -1 to 1 with ratio = 0.002, offset = -3
 """
 
 _COUPLING = """
@@ -98,7 +108,7 @@ def first_map(tables: Sequence[LogTable], robot: RobotModel) -> str:
     `read_map` accepts it once every joint or actuator has a position and a command.
     """
     names = channel_names(tables)
-    parts = [_HEAD]
+    parts = [_HEAD, _OF_JOINTS if robot.jointed else _OF_VEHICLE]
     for table in tables:
         parts.append(f"#\n# {table.source} has the columns\n")
         parts += [f"#   {name}\n" for name in table.channels]

@@ -212,6 +212,7 @@ def test_the_first_map_of_a_vehicle_has_what_the_names_tell(vehicle, lines):
     made = LogTable("log.csv", {name: Channel(t, x) for name, x in columns.items()}, 0)
     assert [f.code for f in inspect([made], None, robot).findings][:1] == ["unmatched"]
     text = first_map([made], robot)
+    assert "gear ratio" not in text and "a column for each actuator" in text
     for line in (*lines, 'position = ["x", "y", "z"]', 'linear = ["vel/x", "vel/y", "vel/z"]'):
         assert f"\n{line}\n" in text
     completed = map_of(tomllib.loads(text))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import tempfile
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -168,6 +169,22 @@ def test_a_missing_key_is_named():
     del content["guess"]["speed"]
     with pytest.raises(InvalidInput, match=r"guess\.speed: expected six velocities .* got nothing"):
         made("bluerov2", content)
+
+
+def test_all_missing_keys_are_told_at_once_with_values_that_load():
+    """The values are those of the vehicle of the family that is nearest in mass."""
+    content = {"kind": "quadrotor", "mass": 1.2, "rotors": {"arm": 0.25}}
+    with pytest.raises(InvalidInput) as caught:
+        made("crazyflie", content)
+    said = str(caught.value)
+    begin = said.partition("Values to begin from, of hummingbird: ")[2].partition(". docs/")[0]
+    assert "rotors.top_speed (a number > 0 [rad/s])" in said and " mass (" not in said
+    for line in begin.split("; "):
+        key, _, value = line.partition(" = ")
+        *tables, last = key.split(".")
+        table = content["rotors"] if tables else content
+        table[last] = tomllib.loads(f"value = {value}")["value"]
+    made("crazyflie", content)
 
 
 @pytest.mark.parametrize("path", [("linear_drg",), ("guess", "speeds"), ("thrusters", "curves")])

@@ -1,5 +1,7 @@
 """Data sheets: a vehicle's parameters, read from its vehicle.toml and validated."""
 
+import json
+import math
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from ....base import InvalidInput, UnknownName, read_input
 from ....core import Array
-from ....robots import vehicle_files
+from ....robots import asset, packed_vehicles, vehicle_files
 
 LARGEST = 1e9
 SMALLEST = 1e-12
@@ -103,7 +105,13 @@ class Sheet(SheetTable):
 
 
 def _explained(sheet: type[Sheet], path: Path, error: ValidationError) -> Exception:
-    """The first of pydantic's errors as an `NsaidError`; unknown keys, likely typos, come first."""
+    """The first of pydantic's errors as an `NsaidError`; unknown keys, likely typos, come first.
+
+    Missing keys are told all at once, with values of an included vehicle to begin from.
+    """
+    missing = [e["loc"] for e in error.errors() if e["type"] == "missing"]
+    if len(missing) > 1 and len(missing) == error.error_count():
+        return _incomplete(sheet, path, missing)
     found = sorted(error.errors(), key=lambda e: e["type"] != "extra_forbidden")[0]
     inner = found.get("ctx", {}).get("error")
     if isinstance(inner, InvalidInput):  # from a check between several keys
@@ -116,6 +124,51 @@ def _explained(sheet: type[Sheet], path: Path, error: ValidationError) -> Except
     table, expected = _declared(sheet, found["loc"])
     got = "nothing" if found["type"] == "missing" else _short(found["input"])
     return InvalidInput(f"{path}: {key}", expected, got, _REMEDY)
+
+
+def _incomplete(
+    sheet: type[Sheet], path: Path, missing: Sequence[tuple[int | str, ...]]
+) -> InvalidInput:
+    """The error about several missing keys."""
+    own = tomllib.loads(read_input(path).decode()).get("mass")
+    sheets = [name for name in packed_vehicles() if asset(name, "vehicle.toml").is_file()]
+    known = [name for name in sheets if _content(name).get("kind") == sheet.family]
+    known.sort(key=lambda name: _apart(own, _content(name).get("mass")))
+    example = next(iter(known), "")
+    keys, values = [], []
+    for places in missing:
+        key = ".".join(map(str, places))
+        keys.append(f"{key} ({_declared(sheet, places)[1]})")
+        value = _at(_content(example) if example else {}, places)
+        values += [f"{key} = {_toml(value)}"] if value is not None else []
+    begin = f"Values to begin from, of {example}: {'; '.join(values)}. " if values else ""
+    wanted = f"{len(keys)} more keys, {', '.join(keys)}"
+    return InvalidInput(str(path), wanted, "none of them", begin + _REMEDY)
+
+
+def _apart(own: Any, other: Any) -> float:
+    """How far two masses [kg] are apart, as a logarithm; 0 where one is not stated."""
+    stated = all(isinstance(mass, int | float) and mass > 0 for mass in (own, other))
+    return abs(math.log(own / other)) if stated else 0.0
+
+
+def _content(vehicle: str) -> dict[str, Any]:
+    """The tables of an included vehicle's sheet."""
+    return tomllib.loads(read_input(vehicle_files(vehicle).sheet).decode())
+
+
+def _at(table: Any, places: Sequence[int | str]) -> Any:
+    """The value at a place of nested tables; None if it is not there."""
+    for place in places:
+        table = table.get(place) if isinstance(table, dict) else None
+    return table
+
+
+def _toml(value: Any) -> str:
+    """A value as it stands in a TOML file; a table on one line."""
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{key} = {_toml(inner)}' for key, inner in value.items())} }}"
+    return json.dumps(value)
 
 
 def _declared(sheet: type[SheetTable], places: Sequence[int | str]) -> tuple[type[SheetTable], str]:
