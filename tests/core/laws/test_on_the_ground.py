@@ -72,7 +72,7 @@ def test_v_falls_and_the_conserved_quantity_stays(run):
     np.testing.assert_allclose(spent, spent[0], rtol=1e-4)
 
 
-def test_the_same_bits_whatever_the_pieces(run):
+def test_pieces_of_a_log_lead_to_the_same_estimate(run):
     identifier, end, _ = run
     log, _ = walk()
     state = identifier.init(log.at(0))

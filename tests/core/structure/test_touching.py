@@ -47,7 +47,7 @@ def test_the_contacts_gain_the_velocity_that_was_measured(stepped):
 
 
 def test_derivatives_by_theta_are_those_of_the_step(stepped):
-    """But for what contact forces can do, which the derivatives hold, and the filter leaves free."""
+    """But for what contact forces can do, which the derivatives hold and the filter leaves free."""
     move, theta, scale, _, J, _, touch = stepped
     rng = np.random.default_rng(1)
     for _ in range(5):
