@@ -6,6 +6,7 @@ import scipy.linalg
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.core.structure.system import SecondOrderSystem
+from nsaid_mj.core.structure.touching import Touch
 from nsaid_mj.core.structure.transition import step
 
 _BLOCK = 100  # samples whose rows enter together
@@ -27,7 +28,10 @@ def batch_bound(system: SecondOrderSystem, theta: Array, R: Array, G: Array, log
     for k in range(1, len(log.t)):
         start = log.q[k - 1], log.v[k - 1], log.u[k - 1], log.t[k] - log.t[k - 1], theta, scale
         spare = np.empty(m), np.empty(m), end
-        assert step(system.forward, *start, *memory, *spare, F, B, np.zeros((0, n))) > 0
+        assert (
+            step(system.forward, *start, *memory, *spare, F, B, np.zeros((0, n)), Touch.of(0, n))
+            > 0
+        )
         H = F[:, :size] @ H
         H[:, size:] += F[:, size:] @ (B @ G)
         rows.append(weight * H)

@@ -14,6 +14,7 @@ from nsaid_mj.core.structure.forward_dynamics import stage
 from nsaid_mj.core.structure.kinematics import place
 from nsaid_mj.core.structure.structure import Structure
 from nsaid_mj.core.structure.system import SecondOrderSystem
+from nsaid_mj.core.structure.touching import Touch
 from tests.support.dense import transport
 
 
@@ -83,5 +84,5 @@ class Evaluation:
         """v̇ (n,), its derivatives by q and v (n, 2n), and those by θ/scale (n, p)."""
         s = self.structure
         (work, slopes), a, B = s.memory(), np.zeros(s.n), np.zeros((s.n, s.p))
-        linearise(s.arrays, q, v, u, theta, scale, work, slopes, a, B, v[:0])
+        linearise(s.arrays, q, v, u, theta, scale, work, slopes, a, B, v[:0], Touch.of(0, s.n))
         return a, slopes.by_state, B

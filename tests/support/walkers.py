@@ -80,7 +80,6 @@ def walk(duration=4.0, dt=1e-3):
 
     model = load_robot("solo12", "free").model
     spec = tree_spec(model, dt)
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.disableflags = 0
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1])
     for foot in quadruped_feet(model, 0.02):

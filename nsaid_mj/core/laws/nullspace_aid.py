@@ -80,9 +80,9 @@ class NullspaceIdentifier(Identifier):
         if system.structure.contacts and memory is None:
             raise InvalidInput(
                 "law",
-                "memory for a robot on the ground",
+                "memory or efficient, for a robot on the ground",
                 "a law that predicts its acceleration",
-                "Nobody measures the contacts' forces: use --law memory.",
+                "Nobody measures the contacts' forces: use --law memory or efficient.",
             )
         self.system = system
         self.metric = metric

@@ -84,6 +84,7 @@ from .kinematics import place
 from .poses import integrate
 from .regressor import write_regressor
 from .spatial import add_cross, add_pushed, add_turned, clear, dot, out_of_body, turn_square
+from .touching import TOUCH, move_contacts
 
 STEP = 1e-7
 """Step of the forward differences, relative to 1 + |value|."""
@@ -401,16 +402,28 @@ def _add_loads(structure, q, v, rates, theta, work, slopes):
 
 @kernel(
     f8(
-        STRUCTURE, vector, vector, vector, vector, vector, WORKSPACE, SLOPES, vector, matrix, vector
+        STRUCTURE,
+        vector,
+        vector,
+        vector,
+        vector,
+        vector,
+        WORKSPACE,
+        SLOPES,
+        vector,
+        matrix,
+        vector,
+        TOUCH,
     ),
     inner=True,
 )
-def linearise(structure, q, v, u, theta, scale, work, slopes, a, B, rates):
+def linearise(structure, q, v, u, theta, scale, work, slopes, a, B, rates, touch):
     """Writes v̇ (n,) of (29) with C v, and its derivatives; returns M's smallest pivot, > 0 if ≻ 0.
 
     `slopes.by_state` (n, 2n) receives ∂v̇/∂q and ∂v̇/∂v, B (n, p) ∂v̇/∂(θ/scale) = −M⁻¹ W
     diag(scale). q is (m,), v (n,), u (n_u,), theta and scale (p,). `rates` (n,) are velocities at
-    which joints' columns are held; (0,) to evaluate them at v.
+    which joints' columns are held; (0,) to evaluate them at v. `touch` are the contacts, which
+    move as measured in v̇, and whose forces are held in its derivatives.
     """
     state = slopes.state
     x = work.scratch
@@ -423,6 +436,8 @@ def linearise(structure, q, v, u, theta, scale, work, slopes, a, B, rates):
     pivot = accelerate(structure, state, slopes.F, v, theta, work, a)
     if not pivot > 0.0:
         return pivot
+    if touch.J.shape[0] > 0:
+        move_contacts(touch, work, a)
     write_regressor(structure, state, v, a, 1.0, slopes.F, work, B)
     for b in range(bodies.shape[0]):
         own = b * SLOPE

@@ -19,6 +19,7 @@ from .derivatives import linearise
 from .forces import ALL, write_forces
 from .forward_dynamics import require
 from .kinematics import place
+from .touching import Touch
 from .transition import step
 
 _BLOCK = 16  # samples whose rows enter J together: one product of matrices instead of many
@@ -56,6 +57,7 @@ def information_along(structure, work, slopes, theta, scale, basis, R0, R, t, q,
     q1 = np.empty(m)
     v1 = np.empty(n)
     F = np.empty((size, 3 * n))
+    touch = Touch(F[:0], v1[:0], F[:, :0].copy(), F[:0], F[:0], v1[:0])
     P = np.diag(R0)
     L = np.zeros((size, size))
     inverse = np.zeros((size, size))
@@ -65,7 +67,9 @@ def information_along(structure, work, slopes, theta, scale, basis, R0, R, t, q,
     for k in range(1, t.shape[0]):
         dt = t[k] - t[k - 1]
         before = (q[k - 1], v[k - 1], u[k - 1])
-        pivot = step(structure, *before, dt, theta, scale, work, slopes, at, q1, v1, F, B, B[:0])
+        pivot = step(
+            structure, *before, dt, theta, scale, work, slopes, at, q1, v1, F, B, B[:0], touch
+        )
         if not pivot > 0.0:
             return False
         F_x = F[:, :size].copy()
@@ -101,9 +105,11 @@ def acceleration_rows(structure, work, slopes, q, v, u, theta, scale, rows):
     theta = theta.copy()
     scale = scale.copy()
     a = np.empty(v.shape[1])
+    none = np.empty((0, v.shape[1]))
+    touch = Touch(none, a[:0], none.T.copy(), none, none, a[:0])
     for k in range(rows.shape[0]):
         at = q[k], v[k], u[k], theta, scale
-        if not linearise(structure, *at, work, slopes, a, rows[k], v[k, :0]) > 0.0:
+        if not linearise(structure, *at, work, slopes, a, rows[k], v[k, :0], touch) > 0.0:
             return False
     return True
 

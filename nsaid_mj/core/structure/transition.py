@@ -18,6 +18,7 @@ from .forward_dynamics import accelerate
 from .kinematics import place
 from .poses import add_bracket, group_of, integrate
 from .spatial import clear
+from .touching import TOUCH, move_contacts
 
 WAY, SPEED, RATE, FORCE, SUM, SUMS = range(6)
 """Rows of `Workspace.rows` in a step: ξ, v and their rates at a stage, and their sums."""
@@ -98,10 +99,11 @@ def _write_flow(group, dt, v, A, rates, x, F):
         matrix,
         matrix,
         matrix,
+        TOUCH,
     ),
     inner=True,
 )
-def step(structure, q, v, u, dt, theta, scale, work, slopes, at, q1, v1, F, B, seen):
+def step(structure, q, v, u, dt, theta, scale, work, slopes, at, q1, v1, F, B, seen, touch):
     """Writes the state after a step with the command held, and its derivatives.
 
     Args:
@@ -121,6 +123,7 @@ def step(structure, q, v, u, dt, theta, scale, work, slopes, at, q1, v1, F, B, s
         B: (n, p) derivatives of c by θ/scale; written.
         seen: (3, n) velocities at the start, half-way and at the end at which joints' columns, such
             as friction that is stiff in the step, are held; (0, n) to evaluate them along the step.
+        touch: the contacts, which move as measured.
 
     Returns:
         M's smallest pivot, > 0 on success.
@@ -142,12 +145,14 @@ def step(structure, q, v, u, dt, theta, scale, work, slopes, at, q1, v1, F, B, s
         rates = seen[(stage + 1) // 2] if seen.shape[0] > 0 else speed
         if stage == 2:
             own = rates if seen.shape[0] > 0 else rates[:0]
-            pivot = linearise(structure, at, speed, u, theta, scale, work, slopes, a, B, own)
+            pivot = linearise(structure, at, speed, u, theta, scale, work, slopes, a, B, own, touch)
             _write_flow(group, dt, speed, slopes.by_state, slopes.flow, x, F)
         else:
             place(structure, at, speed, slopes.state)
             write_forces(structure, slopes.state, at, rates, u, ALL, x, slopes.F)
             pivot = accelerate(structure, slopes.state, slopes.F, speed, theta, work, a)
+            if touch.J.shape[0] > 0 and pivot > 0.0:
+                move_contacts(touch, work, a)
         lowest = min(lowest, pivot)
         if not pivot > 0.0:
             return pivot

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.structure.structure import Structure
+from nsaid_mj.core.structure.touching import Touch
 from nsaid_mj.core.structure.transition import step
 from tests.support.evaluation import Evaluation
 from tests.support.matrices import assert_near
@@ -168,6 +169,7 @@ def test_a_step_is_of_fifth_order_and_its_derivatives_of_third(base, longest):
                 F,
                 B,
                 np.zeros((0, n)),
+                Touch.of(0, n),
             )
             assert pivot > 0
             q, v = q1, v1

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from nsaid_mj.core.structure.touching import Touch
 from nsaid_mj.core.structure.transition import step
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.setup import Setup, trajectory
@@ -26,14 +27,14 @@ class Stepper:
         self.structure = self.system.forward
         n, m, p = self.system.n, self.system.m, self.system.p
         self.memory, self.at = self.system.structure.memory(), np.empty(m)
-        self.none = np.zeros((0, n))
+        self.none = np.zeros((0, n)), Touch.of(0, n)
         self.end = np.empty(m), np.empty(n), np.empty((2 * n, 3 * n)), np.empty((n, p))
 
     def __call__(self, q, v, u, dt, theta):
         """(m,), (n,) the end, and (2n, 2n+p) its derivatives; copies."""
         size, start = 2 * len(v), (q, v, u, dt, np.array(theta), np.array(self.scale))
         pivot, (F, B) = (
-            step(self.structure, *start, *self.memory, self.at, *self.end, self.none),
+            step(self.structure, *start, *self.memory, self.at, *self.end, *self.none),
             self.end[2:],
         )
         assert pivot > 0

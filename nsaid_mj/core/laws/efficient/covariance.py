@@ -12,11 +12,13 @@ from ...numerics.linalg import (
     solve_many,
 )
 from ...quotient.cone import CONE
+from ...structure.touching import TOUCH
 from .filter import FILTER, WORKSPACES
 from .steps import carry_scale, project_inside
 
 SMALL = 0.1
 """Least size of a parameter, relative to its scale, to which relative changes refer."""
+_FREE = 1e4  # deviation of a contact's velocity after a step, over that of the velocities' noise
 _FLOOR = 1e-14  # least variance of θ over the largest: rounding errors of a window's updates
 
 
@@ -66,6 +68,23 @@ def _add_unexplained(density, dt, theta, L, spread, rows):
                 rows[i, 2 * n + j] += columns[i, k] * columns[j, k] * own
 
 
+@kernel(void(TOUCH, vector, f8, matrix), inner=True)
+def _add_contacts(touch, R, dt, rows):
+    """Adds Y Yᵀ to the covariance of c, the last n columns of `rows` (n, 3n): contacts move freely.
+
+    Their velocity gains a deviation of `_FREE` times that of the sensors' noise, R (2n,) in all.
+    """
+    n = touch.Y.shape[0]
+    variance = 0.0
+    for i in range(n):
+        variance += R[n + i] / n
+    variance *= (_FREE / dt) ** 2
+    for i in range(n):
+        for j in range(n):
+            for k in range(touch.Y.shape[1]):
+                rows[i, 2 * n + j] += variance * touch.Y[i, k] * touch.Y[j, k]
+
+
 @kernel(void(vector, vector, vector, f8, f8, FILTER, WORKSPACES), inner=True)
 def predict(scale, walk, unexplained, gamma, dt, filter, workspace):
     """Writes P̄, without R, from the derivatives F and B of `transition`.
@@ -94,6 +113,8 @@ def predict(scale, walk, unexplained, gamma, dt, filter, workspace):
             both[size + j, i] = with_c[i, j]
     if unexplained.shape[0]:
         _add_unexplained(unexplained, dt, filter.theta, workspace.stage.L, workspace.S, both[size:])
+    if workspace.touch.J.shape[0]:
+        _add_contacts(workspace.touch, workspace.R, dt, both[size:])
     multiply(F, with_theta, Pxt)
     multiply(F, both, workspace.moved)
     multiply_transposed(workspace.moved, F, Pxx)

@@ -13,6 +13,7 @@ from ...log import Log, Measurement
 from ...nullspace.subspace import parts_of
 from ...parameters import Array
 from ...quotient.cone import cone_of
+from ...structure.contacts import contact_jacobians
 from ...structure.system import SecondOrderSystem
 from ..cone.prior import drawn_covariance, spread_of_numbers
 from ..settings import EfficientConfig
@@ -72,6 +73,8 @@ class KalmanFilter:
             )
         self.system = system
         self.dt = dt
+        contacts = system.structure.contacts
+        self._size = 2 * system.n - sum(contact.rows for contact in contacts)
         self._prior_error = config.prior or USUAL
         self._far_gamma = config.linearisation
         cone = cone_of(system.space)
@@ -138,7 +141,12 @@ class KalmanFilter:
         """
         if along is None:
             along = Along.empty(len(log.t), self.system.n, self.system.p)
-        last, end = follow_filter(self.constants, state, *log, along)
+        structure = self.system.structure
+        J = np.zeros((len(log.t) - 1, 0, self.system.n))
+        if structure.contacts:
+            middle = self.system.midpoints(log, hermite=False).q
+            J, _ = contact_jacobians(structure, structure.contacts, middle)
+        last, end = follow_filter(self.constants, state, *log, J, along)
         return Stretch(last, end == COMPLETED, end == CONTRADICTED, end == ROUNDED)
 
     def innovations(self, state: FilterState, log: Log) -> Array:
@@ -173,4 +181,4 @@ class KalmanFilter:
     def acceptable(self, state: FilterState) -> float:
         """Largest sum of squared innovations in the current window that may be due to chance."""
         samples = int(state.tally[1])
-        return float(acceptable(samples, self.system.n, state.noise.seen[0]))
+        return float(acceptable(samples, self._size, state.noise.seen[0]))

@@ -13,6 +13,7 @@ from ...parameters import Array
 from ...quotient.cone import CONE, Cone
 from ...structure.arrays import Slopes, StructureArrays, Workspace, memory_of
 from ...structure.compiled import SLOPES, STRUCTURE, WORKSPACE
+from ...structure.touching import TOUCH, Touch
 from .noise import NOISE, Noise, noise_variance
 
 COMPLETED = 0
@@ -145,10 +146,11 @@ class FilterWorkspace(NamedTuple):
     trial: Array  # (p,) scratch
     factor: Array  # (p, p) scratch
     seen: Array  # (3, n) velocities of joints' columns, see `transition.step`
+    touch: Touch  # the contacts in a step
 
     @staticmethod
-    def of(structure: StructureArrays, n: int, m: int, p: int) -> FilterWorkspace:
-        """For a structure with n velocities, m positions and p parameters."""
+    def of(structure: StructureArrays, n: int, m: int, p: int, c: int = 0) -> FilterWorkspace:
+        """For n velocities, m positions, p parameters and c components of contacts' forces."""
         sizes = (
             m,
             m,
@@ -170,20 +172,23 @@ class FilterWorkspace(NamedTuple):
             (p, p),
             (3, n),
         )
-        return FilterWorkspace(*memory_of(structure, n), *(np.zeros(size) for size in sizes))
+        arrays = (np.zeros(size) for size in sizes)
+        return FilterWorkspace(*memory_of(structure, n), *arrays, Touch.of(c, n))
 
 
 _OWN = threading.local()  # workspace of each thread
 
 
 def workspace_for(structure: StructureArrays, *sizes: int) -> FilterWorkspace:
-    """Workspace for a structure with sizes n, m and p; every call of a thread overwrites it.
+    """Workspace for a structure with sizes n, m, p and c; every call of a thread overwrites it.
 
     It serves this structure only: what one tree leaves zero, such as M between two branches,
     another one of the same sizes overwrites.
     """
-    if getattr(_OWN, "structure", None) is not structure:
-        _OWN.structure, _OWN.workspace = structure, FilterWorkspace.of(structure, *sizes)
+    key = structure, *sizes
+    if getattr(_OWN, "key", (None,))[0] is not structure or _OWN.key[1:] != sizes:
+        _OWN.key = key
+        _OWN.workspace = FilterWorkspace.of(structure, *sizes)
     return _OWN.workspace
 
 
@@ -196,6 +201,17 @@ FILTER = types.NamedTuple(
 )
 ALONG = types.NamedTuple((matrix, matrix, vector, matrix), Along)
 WORKSPACES = types.NamedTuple(
-    (WORKSPACE, SLOPES, vector, vector, vector, *(matrix,) * 10, *(vector,) * 6, matrix, matrix),
+    (
+        WORKSPACE,
+        SLOPES,
+        vector,
+        vector,
+        vector,
+        *(matrix,) * 10,
+        *(vector,) * 6,
+        matrix,
+        matrix,
+        TOUCH,
+    ),
     FilterWorkspace,
 )

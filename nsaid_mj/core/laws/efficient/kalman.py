@@ -23,18 +23,24 @@ with a fixed density of forces, its relative size would grow if k̂, friction an
 shrink together, and keep them there. With D, joint friction is evaluated at the measured velocity,
 as in (44): compared with such forces its noise is negligible, while a step in which friction
 reverses is neither linear nor stable.
+
+Contacts whose forces nobody measures are an unknown input. The prediction moves them as they were
+measured to move in the last steps, v̇ = v̇₀ + Y (w − J v̇₀) of `structure.touching`, whose error is of
+any size: P̄ gains F_c Y Yᵀ F_cᵀ times a variance far above the noise's. So an innovation counts only
+in the directions that no contact force reaches, those of E W.
 """
 
 import numpy as np
 from numba import types
 
-from ...numerics.kernels import f8, i8, kernel, matrix, vector, void
+from ...numerics.kernels import cube, f8, i8, kernel, matrix, vector, void
 from ...parameters import Array
 from ...quotient.cone import inside
 from ...structure.forces import ALL, write_forces
 from ...structure.forward_dynamics import accelerate
 from ...structure.kinematics import place
 from ...structure.poses import difference, integrate
+from ...structure.touching import TOUCH
 from ...structure.transition import step as transition
 from .covariance import copy_matrix, innovate, keep_above_rounding, predict, update
 from .filter import (
@@ -61,12 +67,12 @@ _SMALLEST = 1e-9  # share of a step, below which θ̂ stays
 
 
 @kernel(f8(i8, i8, f8))
-def acceptable(window, n, seen):
+def acceptable(window, size, seen):
     """Threshold of the sum of squared normalised innovations in a window (χ² tail bound).
 
-    It holds for n velocities, after `seen` increments from which the noise was estimated.
+    There are `size` of them in a sample, and the noise was estimated from `seen` increments.
     """
-    dof = 2.0 * n * window
+    dof = 1.0 * size * window
     vague = 1.0 + 4.0 / np.sqrt(min(seen, MEMORY))  # of R itself
     return vague * (dof + _SIGNIFICANT * np.sqrt(2.0 * dof) + 0.7 * _SIGNIFICANT**2)
 
@@ -173,6 +179,7 @@ def _move(constants, filter, dt, q, v, u, workspace):
         workspace.F,
         workspace.B,
         workspace.seen if constants.unexplained.shape[0] > 0 else workspace.seen[:0],
+        workspace.touch,
     )
     if pivot > 0.0:
         gamma = constants.gamma if filter.noise.seen[0] * dt < _FAR else min(constants.gamma, NEAR)
@@ -182,8 +189,27 @@ def _move(constants, filter, dt, q, v, u, workspace):
     return pivot
 
 
-@kernel(i8(CONSTANTS, FILTER, i8, vector, matrix, matrix, matrix, ALONG, WORKSPACES), inner=True)
-def _follow_row(constants, filter, k, t, q, v, u, along, workspace):
+@kernel(void(matrix, matrix, f8, TOUCH), inner=True)
+def _touch(J, increments, dt, touch):
+    """Writes the contacts of a step: J (c, n) half-way, and their acceleration in the last ones.
+
+    `increments` (3, 2n) are measured, of the steps before: of this step they would have the noise
+    of the innovation, and the derivatives by θ with it.
+    """
+    count = increments.shape[0]
+    n = J.shape[1]
+    for i in range(J.shape[0]):
+        touch.w[i] = 0.0
+        for j in range(n):
+            touch.J[i, j] = J[i, j]
+            for k in range(count):
+                touch.w[i] += J[i, j] * increments[k, n + j] / (count * dt)
+
+
+@kernel(
+    i8(CONSTANTS, FILTER, i8, vector, matrix, matrix, matrix, cube, ALONG, WORKSPACES), inner=True
+)
+def _follow_row(constants, filter, k, t, q, v, u, J, along, workspace):
     """Runs the filter from row k − 1 to k, and returns how it ended."""
     structure = constants.structure
     tally = filter.tally
@@ -193,6 +219,7 @@ def _follow_row(constants, filter, k, t, q, v, u, along, workspace):
     x = workspace.stage.scratch
     v1 = workspace.v1
     out = along.innovation[k]
+    _touch(J[k - 1], filter.noise.increments, t[k] - t[k - 1], workspace.touch)
     difference(structure.bodies, q[k - 1], q[k], y, x)
     for i in range(n):
         y[n + i] = v[k, i] - v[k - 1, i]
@@ -232,24 +259,29 @@ def _follow_row(constants, filter, k, t, q, v, u, along, workspace):
     tally[2] += square
     tally[3] += spread
     totals[0] += square
-    totals[1] += 2 * n
+    totals[1] += 2 * n - J.shape[1]
     return COMPLETED
 
 
-@kernel(types.UniTuple(i8, 2)(CONSTANTS, FILTER, vector, matrix, matrix, matrix, ALONG, WORKSPACES))
-def _follow(constants, filter, t, q, v, u, along, workspace):
+@kernel(
+    types.UniTuple(i8, 2)(
+        CONSTANTS, FILTER, vector, matrix, matrix, matrix, cube, ALONG, WORKSPACES
+    )
+)
+def _follow(constants, filter, t, q, v, u, J, along, workspace):
     """Runs the filter along a log, in workspace from `follow_filter`."""
     n = v.shape[1]
+    size = 2 * n - J.shape[1]  # contacts that move freely leave no innovations
     tally = filter.tally
     for k in range(1, t.shape[0]):
-        end = _follow_row(constants, filter, k, t, q, v, u, along, workspace)
+        end = _follow_row(constants, filter, k, t, q, v, u, J, along, workspace)
         for i in range(filter.theta.shape[0]):
             along.theta[k, i] = filter.theta[i]
         for i in range(n):
             along.v[k, i] = filter.v[i] if end == COMPLETED else v[k, i]
         if end == BEGINNING:
             continue
-        if end != COMPLETED or tally[2] > acceptable(constants.window, n, filter.noise.seen[0]):
+        if end != COMPLETED or tally[2] > acceptable(constants.window, size, filter.noise.seen[0]):
             return k, end if end != COMPLETED else CONTRADICTED
         if tally[1] >= constants.window:
             _begin_window(filter, workspace.factor)
@@ -263,12 +295,15 @@ def follow_filter(
     q: Array,
     v: Array,
     u: Array,
+    J: Array,
     along: Along,
 ) -> tuple[int, int]:
     """Runs the filter along a log of N samples, from its state at the first, which it overwrites.
 
-    t (N,) is in s, q is (N, m), v (N, n), u (N, n_u); rows of `along` are written. Returns the last
-    row processed, and how the loop ended.
+    t (N,) is in s, q is (N, m), v (N, n), u (N, n_u), J (N−1, c, n) the contacts' Jacobian half-way
+    between samples; rows of `along` are written. Returns the last row processed, and how the loop
+    ended.
     """
-    workspace = workspace_for(constants.structure, v.shape[1], q.shape[1], len(constants.scale))
-    return _follow(constants, filter, t, q, v, u, along, workspace)
+    sizes = v.shape[1], q.shape[1], len(constants.scale), J.shape[1]
+    workspace = workspace_for(constants.structure, *sizes)
+    return _follow(constants, filter, t, q, v, u, J, along, workspace)
