@@ -1,4 +1,4 @@
-"""Packs the scenarios' arms small: their URDFs, and visual meshes of few triangles.
+"""Packs the scenarios' arms and quadruped small: their URDFs, and visual meshes of few triangles.
 
     pip install 'nsaid-mj[robots]'
     python scripts/pack_robots.py

@@ -433,7 +433,16 @@ def test_a_scenario_script_is_a_scenario_and_the_same_two_lines(path: Path) -> N
 
 
 LIKE_ANOTHER = {
-    "ur5": ("arm", "kinova", "panda", "xarm7", "z1", "double_pendulum", "wrist_first"),
+    "ur5": (
+        "arm",
+        "kinova",
+        "panda",
+        "xarm7",
+        "z1",
+        "double_pendulum",
+        "wrist_first",
+        "quadruped_stand",
+    ),
     "one_axis_at_a_time": ("servo_arm", "wrong_gains"),
     "f1tenth": ("bmw320i", "straight_then_slalom", "catamaran"),
     "crazyflie": ("hummingbird",),
