@@ -30,7 +30,10 @@ from .shapes import Shapes, shapes_of_geoms
 from .tree import actuators_of, joint_names, motor_name, motors, position_servos, rigid_tree
 
 _NAMELESS = "MuJoCo Model"  # MuJoCo's name of a model without one
-_HELD = "this free joint was fixed at its initial pose", "Use logs of a robot on a stand."
+_HELD = (
+    "this free joint was fixed at its initial pose",
+    "Use logs of a robot on a stand, or log its IMU, too.",
+)
 
 
 def load_mjcf(

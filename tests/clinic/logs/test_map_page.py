@@ -32,6 +32,8 @@ def test_examples_are_maps(block):
         m.Pd,
         m.Vehicle,
         m.Phases,
+        m.Imu,
+        m.Contacts,
     ],
     ids=lambda p: p.__name__,
 )
