@@ -47,8 +47,8 @@ def load_mjcf(
 
     Its rigid tree of hinges and slides becomes Pinocchio's model, with the same mass matrix and
     bias forces. `base` is None for a robot to identify; `floating` keeps the base's free joint. The
-    other arguments, and what it raises, are those of `load_tree`: of ball joints, and of tendons and equality constraints
-    between joints that move, it raises `BadRobot`.
+    other arguments, and what it raises, are those of `load_tree`: of ball joints, and of tendons
+    and equality constraints between joints that move, it raises `BadRobot`.
     """
     mj, findings = compile_file(path)[1:]
     name = mj.names.partition(b"\0")[0].decode().replace(_NAMELESS, "") or path.stem

@@ -44,7 +44,8 @@ def test_the_free_joint_is_kept_on_request(log: Walked) -> None:
 def test_a_fixed_base_cannot_float(tmp_path: Path) -> None:
     file = tmp_path / "arm.xml"
     file.write_text(
-        '<mujoco><worldbody><body><joint axis="0 1 0"/><geom size="0.1"/></body></worldbody></mujoco>'
+        '<mujoco><worldbody><body><joint axis="0 1 0"/><geom size="0.1"/></body></worldbody>'
+        "</mujoco>"
     )
     with pytest.raises(BadRobot, match="freejoint"):
         load_tree(str(file), floating=True)
