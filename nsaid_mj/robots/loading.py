@@ -66,7 +66,7 @@ def load_tree(
     findings = found.findings
     if file.floats and not floating:
         text = "its base can move; it was taken as fixed to a stand, level"
-        remedy = "Use logs of the robot on a stand."
+        remedy = "Use logs of the robot on a stand, or log its IMU, too."
         findings += (Finding("warning", "base_held", name, text, remedy),)
     return replace(found, name=name, source=None, findings=findings)
 

@@ -30,7 +30,10 @@ from .shapes import Shapes, shapes_of_geoms
 from .tree import actuators_of, joint_names, motor_name, motors, position_servos, rigid_tree
 
 _NAMELESS = "MuJoCo Model"  # MuJoCo's name of a model without one
-_HELD = "this free joint was fixed at its initial pose", "Use logs of a robot on a stand."
+_HELD = (
+    "this free joint was fixed at its initial pose",
+    "Use logs of a robot on a stand, or log its IMU, too.",
+)
 
 
 def load_mjcf(
@@ -44,8 +47,8 @@ def load_mjcf(
 
     Its rigid tree of hinges and slides becomes Pinocchio's model, with the same mass matrix and
     bias forces. `base` is None for a robot to identify; `floating` keeps the base's free joint. The
-    other arguments, and what it raises, are those of `load_tree`: of ball joints, and of tendons and equality constraints
-    between joints that move, it raises `BadRobot`.
+    other arguments, and what it raises, are those of `load_tree`: of ball joints, and of tendons
+    and equality constraints between joints that move, it raises `BadRobot`.
     """
     mj, findings = compile_file(path)[1:]
     name = mj.names.partition(b"\0")[0].decode().replace(_NAMELESS, "") or path.stem

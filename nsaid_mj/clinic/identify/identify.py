@@ -171,6 +171,8 @@ def _fitted(
     )
     from .translation import left_out
 
+    if robot.floating:
+        _check_walking(robot, options, law)
     if law != "batch" and robot.followers:
         remedy = f"Leave --law out, or lock them: `--lock {','.join(robot.followers)}`."
         expected = "batch, as joints follow others"
@@ -198,6 +200,22 @@ def _fitted(
     from .law import with_law
 
     return with_law(found, law, folder, report)
+
+
+def _check_walking(robot: RobotModel, options: Options, law: str) -> None:
+    """Raises `InvalidInput` for what is not known of robots that stand and walk."""
+    for name, given, expected, remedy in (
+        ("--law", law != "batch", "batch, as the base moves", "Leave it out."),
+        ("--load", options.loads, "none, as the base moves", "Give the weight: --known mass=…"),
+        (
+            "model",
+            robot.followers,
+            "joints that move by themselves, as the base moves",
+            f"Lock those that follow: `--lock {','.join(robot.followers)}`.",
+        ),
+    ):
+        if given:
+            raise InvalidInput(name, expected, law if name == "--law" else given, remedy)
 
 
 def servos_of(

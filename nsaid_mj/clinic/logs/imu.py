@@ -20,6 +20,7 @@ from ...base import Finding
 from ...core import Array, continuous_signs
 from . import matching
 from .mapping import ChannelSource, ColumnMap, Imu, Map, Quantity
+from .tables import LogTable, values_of
 
 GRAVITY = 9.81
 """Of the models [m/s²]."""
@@ -37,7 +38,9 @@ _KINDS: Mapping[str, tuple[frozenset[str], ...]] = {
     ),
 }
 _LETTERS = {"orientation": ("wxyz",), "gyro": ("xyz",), "accelerometer": ("xyz",)}
-_NOT_THE_BASE = frozenset("foot feet toe joint motor target desired cmd command".split())
+_NOT_THE_BASE = frozenset(
+    ["foot", "feet", "toe", "joint", "motor", "target", "desired", "cmd", "command"]
+)
 _TILT = 20.0  # of the mean force from the vertical, beyond which orientation or axes are wrong [°]
 _WEIGHTLESS = 0.3  # mean force over gravity below which gravity was taken out of it
 _STILL = 0.02  # rms angular velocity below which the base was held [rad/s]
@@ -183,6 +186,7 @@ def _oriented(imu: Imu, raw: Array, force: Array) -> tuple[Array, float, str]:
     return quaternion, best[1], best[2]
 
 
-def held_still(imu: Array) -> bool:
-    """Whether the base did not move along an IMU's readings (N, 10): the robot hung on a stand."""
-    return bool(np.sqrt(np.mean(np.sum(imu[:, 4:7] ** 2, axis=1))) < _STILL)
+def held_still(columns: ImuColumns, tables: Sequence[LogTable]) -> bool:
+    """Whether the base did not turn along logs: the robot hung on a stand."""
+    rates = [s.factor * values_of(s.column.column, tables) for s in columns.sources[4:7]]
+    return bool(np.sqrt(sum(np.var(rate) for rate in rates)) < _STILL)

@@ -22,7 +22,7 @@ from .cleaning import (
     rows_of,
     short_stated,
 )
-from .imu import ImuColumns, read_imu
+from .imu import held_still, read_imu
 from .layout import ChannelSource, Layout, apart, layout, pose_velocity, with_angles
 from .mapping import Map
 from .pd_law import held_mean
@@ -79,6 +79,10 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
     if robot.jointed:
         made, said = _without_dead_velocities(made, recordings)
         findings += said
+        if made.imu is not None and held_still(made.imu, recordings):
+            made = made._replace(imu=None)
+            text = "the IMU does not turn: the robot is taken to hang on a stand"
+            findings.append(Finding("note", "on_stand", "base", text))
     del tables  # a log may be large, and what was read is not needed besides what was cleaned
     short: list[ShortStretch] = []
     cleaned = _cleaned(recordings, made, mapping, findings, short)
@@ -277,7 +281,7 @@ def _segments(
         if kept.stop > kept.start:
             rows = rows_of(reference, grid[kept.start], grid[kept.stop - 1])
             moved = own.part(kept.start, kept.stop)
-            imu = None if made.imu is None else _imu(moved.t, log, made.imu, findings)
+            imu = _imu(moved.t, log, findings)
             felt = _felt(log, moved.t)
             segments.append(LogSegment(moved, usable[kept], source, rows, imu, felt))
     if segments and drop_rest:
@@ -325,8 +329,11 @@ def _log(grid: Array, log: Cleaned, hold: bool, rate: float) -> Log:
     return Log(grid, made.placed(q, v, rate), v, u)
 
 
-def _imu(grid: Array, log: Cleaned, imu: ImuColumns, findings: list[Finding]) -> Array:
-    """(N, 10) readings of the IMU on a grid; new findings are added."""
+def _imu(grid: Array, log: Cleaned, findings: list[Finding]) -> Array | None:
+    """(N, 10) readings of the IMU on a grid, None without one; new findings are added."""
+    imu = log.made.imu
+    if imu is None:
+        return None
     raw = [signals.resample(log.of(s), grid) + s.column.zero for s in imu.sources]
     readings, said = read_imu(imu, np.column_stack(raw))
     findings += [finding for finding in said if finding not in findings]

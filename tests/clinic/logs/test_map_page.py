@@ -33,6 +33,8 @@ def test_examples_are_maps(block):
         m.Vehicle,
         m.Battery,
         m.Phases,
+        m.Imu,
+        m.Contacts,
     ],
     ids=lambda p: p.__name__,
 )

@@ -1,1 +1,1 @@
-"""A robot that stands and walks: its base moves, and forces that nobody measures act on its feet."""
+"""A robot that stands and walks: its base moves, and unmeasured forces act on its feet."""

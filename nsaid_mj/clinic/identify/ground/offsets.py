@@ -177,7 +177,7 @@ def estimated(
 
 
 def _covariance(entries: Sequence[Entry], deviation: Array, together: float) -> Array:
-    """(a, a) prior of errors of given deviations (a,); `together` is that of all feet's mean [m]."""
+    """(a, a) prior of errors of deviations (a,); `together` is that of all feet's mean [m]."""
     found = np.diag(deviation**2)
     for axis in range(3):
         at = [k for k, e in enumerate(entries) if e.kind == "foot" and e.axis == axis]
@@ -211,7 +211,7 @@ def _columns(rows: GroundRows, entries: list[Entry], theta: Array, delay: Array)
 
 
 def _moments(rows: GroundRows, number: int, force: Array) -> dict[tuple[int, int], Array]:
-    """(M, n) forces per metre that each foot's force exerts if it acts off along its link's axes."""
+    """(M, n) forces per metre of each foot's force if it acts off along its link's axes."""
     structure = rows.system.structure
     feet = rows.ground.feet
     q = rows.motions[number].q

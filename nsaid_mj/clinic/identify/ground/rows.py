@@ -150,7 +150,7 @@ class GroundRows(Rows):
     def required(
         self, number: int, theta: Array, delay: Array, motion: Smooth | None = None
     ) -> Array:
-        """(M, n) W θ along a motion, unfiltered, at θ (p,) and delays (k,): the contacts' forces."""
+        """(M, n) W θ along a motion, unfiltered, at θ (p,), delays (k,): contact forces."""
         motion = motion or self.motions[number]
         columns, rotors = self.terms(self.space)
         own = [column for column in columns if column.kind != "motor"]

@@ -26,7 +26,7 @@ from ..problem import FitProblem
 from ..result import JointStructure, Options, Structured
 from ..smoothing import Filter
 from .feet import feet_of, imu_pose
-from .offsets import displaced, estimated
+from .offsets import Offsets, displaced, estimated
 from .rows import BASE, FRICTIONS, Ground, GroundRows, total_mass
 from .stance import Stance, stance
 
@@ -73,22 +73,8 @@ def structured_ground(
         remedy = "Log the IMU's specific force, too."
         findings.append(Finding("warning", "no_accelerometer", "base", text, remedy))
     report("comparing IMU and joints")
-    total = 0.0
-    for last in (False, False, True):
-        problem = rows.problem(delay)
-        fit, share = tempered_fit(problem)
-        offsets = estimated(rows, problem, fit.theta, delay, share)
-        if offsets.of_imu.any() and not last:
-            total = total + offsets.of_imu
-            changed = displaced(rows.ground, offsets.entries, offsets.of_imu)
-            rows = rows.like(ground=replace(changed, touching=None))
-            fit = minimise(rows.problem(delay), start=fit.theta)
-            seen = _stance(rows, fit, delay)
-            rows = rows.like(ground=replace(changed, touching=seen.touching))
-        elif offsets.value.any():
-            rows = rows.like(ground=displaced(rows.ground, offsets.entries, offsets.value))
-            break
-    findings += offsets._replace(value=offsets.value + total).findings([f.name for f in feet])
+    rows, fit, offsets = _allowed(rows, fit, delay)
+    findings += offsets.findings([foot.name for foot in feet])
     interval = None
     others: list[float] = []
     if options.delay is None:
@@ -117,6 +103,29 @@ def structured_ground(
         columns=rows.terms(rows.space)[0],
         rotors=rows.terms(rows.space)[1],
     )
+
+
+def _allowed(rows: GroundRows, fit: Fit, delay: Array) -> tuple[GroundRows, Fit, Offsets]:
+    """The rows in which errors of IMU and feet are allowed for, their fit, and these errors.
+
+    A large error of the IMU hides others, and which feet bear load, so it is found first.
+    """
+    total = 0.0
+    for last in (False, False, True):
+        problem = rows.problem(delay)
+        fit, share = tempered_fit(problem)
+        offsets = estimated(rows, problem, fit.theta, delay, share)
+        if last or not offsets.of_imu.any():
+            break
+        total = total + offsets.of_imu
+        changed = displaced(rows.ground, offsets.entries, offsets.of_imu)
+        rows = rows.like(ground=replace(changed, touching=None))
+        fit = minimise(rows.problem(delay), start=fit.theta)
+        seen = _stance(rows, fit, delay)
+        rows = rows.like(ground=replace(changed, touching=seen.touching))
+    if offsets.value.any():
+        rows = rows.like(ground=displaced(rows.ground, offsets.entries, offsets.value))
+    return rows, fit, offsets._replace(value=offsets.value + total)
 
 
 def filter_of(recordings: Recordings, cutoff: float) -> Filter:
