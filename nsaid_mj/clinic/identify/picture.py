@@ -62,7 +62,7 @@ def picture(result: Identification) -> PageFigure | None:
                 zorder=2,
             )
         for name, at in zip(names, joints, strict=True):
-            colour = _COLOURS[marks[name]] if name in marks else COLOURS[8]
+            colour = _COLOURS.get(marks.get(name, ""), COLOURS[8])
             axis.plot(*at, "o", color=colour, markersize=6.5, zorder=3)
         _labels(axis, names, joints, low, high, figure)
         legend = [

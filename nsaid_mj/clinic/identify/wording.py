@@ -16,7 +16,9 @@ def nrmse(value: float | None) -> str:
 
 
 def quality(held_out: float) -> Mark:
-    """A joint's held-out NRMSE with its mark."""
+    """A joint's held-out NRMSE with its mark; a weak one without a glyph if it was not judged."""
+    if not math.isfinite(held_out):
+        return Mark("", "weak", nrmse(None))
     mark = EXPLAINS["yes" if held_out < 0.2 else "partly" if held_out < 0.5 else "no"]
     return mark._replace(text=nrmse(held_out))
 
