@@ -76,9 +76,6 @@ class Structured(NamedTuple):
     delays: Array  # (k,) delays of the commands [s]
     # maps θ̂ (p,) to unmodelled effects against which residuals are tested
     suspects: Callable[[Array], Iterable[Suspect]] = lambda _: ()
-    # (d, p) changes of θ̂ by errors that no log tells, such as of a foot's place, one standard
-    # deviation each; None without any
-    doubts: Array | None = None
     # problems of structures and filters that predict the log as well as the chosen ones
     rivals: Iterable[FitProblem] = ()
     # the problem and the suspects with twice the variance of the sensors' noise, for a (p,) θ̂;
@@ -89,6 +86,9 @@ class Structured(NamedTuple):
     coupled: tuple[tuple[int, int, int], ...] = ()  # pairs (i, j, ±1) of joints with a common motor
     columns: Sequence[Column] = ()  # that the choice adds to the robot's own system
     rotors: Sequence[Rotor] = ()  # the same of rotors
+    # (d, p) changes of θ̂ by errors that no log tells, such as of a foot's place, one standard
+    # deviation each; None without any
+    doubts: Array | None = None
 
 
 _BETWEEN = 1.0  # time between two logs on the common axis [s]
