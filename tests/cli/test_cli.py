@@ -425,7 +425,16 @@ def test_a_scenario_is_at_most_forty_lines(path: Path) -> None:
 
 
 LIKE_ANOTHER = {
-    "ur5": ("arm", "kinova", "panda", "xarm7", "z1", "double_pendulum", "wrist_first", "quadruped_stand"),
+    "ur5": (
+        "arm",
+        "kinova",
+        "panda",
+        "xarm7",
+        "z1",
+        "double_pendulum",
+        "wrist_first",
+        "quadruped_stand",
+    ),
     "f1tenth": ("bmw320i", "straight_then_slalom"),
     "crazyflie": ("hummingbird",),
     "uvms": ("borinot",),
