@@ -1,7 +1,7 @@
 """Joint targets of a robot that squats, trots and waves its legs.
 
 Feet follow paths relative to the base; inverse kinematics turn the paths into joint targets, for
-all samples of a round at once. Functions have the fields of `walking.Walk` as `walk`.
+all samples of a round at once. A `walk` has the fields of `walking.Walk`.
 """
 
 from __future__ import annotations
