@@ -372,9 +372,24 @@ def _scene(robot: Any, legged: Legged, what: WalkingLog, size: Size, truth: dict
         geom.pos = np.asarray(foot.centre) + (0.0 if truth is None else truth["foot_offset"][k])
         if legged.sole:
             geom.size = legged.sole[1]
-            geom.pos = np.array(geom.pos) + [0.0, 0.0, legged.sole[1][2]]
+            geom.pos = np.array(geom.pos) + np.array([0.0, 0.0, legged.sole[1][2]])
         else:
             geom.size = [legged.radius, 0, 0]
+    _add_imu(spec, base, legged, what, truth)
+    if what.on_stand:
+        base.pos = [0.0, 0.0, 2 * size.height]
+        if truth is not None:
+            held = spec.add_equality(type=mujoco.mjtEq.mjEQ_WELD, name="stand")
+            held.objtype = mujoco.mjtObj.mjOBJ_BODY
+            held.name1 = names[0]
+            held.solref = [0.002, 1.0]
+    else:
+        base.pos = [0.0, 0.0, size.height]
+    return spec
+
+
+def _add_imu(spec: Any, base: Any, legged: Legged, what: WalkingLog, truth: dict | None) -> None:
+    """Adds the IMU's site and sensors; a true one where it really is."""
     imu = base.add_site(name="imu", pos=legged.imu)
     if truth is not None:
         imu.pos = np.array(legged.imu) + what.imu_shift
@@ -391,16 +406,6 @@ def _scene(robot: Any, legged: Legged, what: WalkingLog, size: Size, truth: dict
         ("accelerometer", sensors.mjSENS_ACCELEROMETER),
     ):
         spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="imu")
-    if what.on_stand:
-        base.pos = [0.0, 0.0, 2 * size.height]
-        if truth is not None:
-            held = spec.add_equality(type=mujoco.mjtEq.mjEQ_WELD, name="stand")
-            held.objtype = mujoco.mjtObj.mjOBJ_BODY
-            held.name1 = names[0]
-            held.solref = [0.002, 1.0]
-    else:
-        base.pos = [0.0, 0.0, size.height]
-    return spec
 
 
 def _simulated(

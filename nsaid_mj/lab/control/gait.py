@@ -1,10 +1,12 @@
 """Joint targets of a robot that squats, trots and waves its legs.
 
 Feet follow paths relative to the base; inverse kinematics turn the paths into joint targets, for
-all samples of a round at once.
+all samples of a round at once. A `walk` has the fields of `walking.Walk`.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +21,6 @@ from ...core import (
     contact_jacobians,
 )
 from .driver import Driver
-from .walking import Walk
 
 _TABLE = 0.01  # interval of the tables of targets, which are interpolated [s]
 _ITERATIONS = 12  # of inverse kinematics, which need 5 inside the legs' reach
@@ -48,7 +49,7 @@ class Gait:
         height: of the base over the ground in the stance [m].
     """
 
-    def __init__(self, walk: Walk, tree: JointTree, seed: int):
+    def __init__(self, walk: Any, tree: JointTree, seed: int):
         joints = tree.n - tree.group
         if not walk.stance or joints % len(walk.stance):
             expected = f"positions of all {joints} joints, or of those of one leg"
@@ -98,7 +99,7 @@ class Gait:
 class WalkingDriver(Driver):
     """PD control of the joints about their targets, with the prior's masses and gains."""
 
-    def __init__(self, walk: Walk, tree: JointTree, prior: Array, seed: int):
+    def __init__(self, walk: Any, tree: JointTree, prior: Array, seed: int):
         self._gait = Gait(walk, tree, seed)
         mass = sum(float(prior[i.start]) for i in tree.structure.inertias)
         self._kp = walk.stiffness * GRAVITY * mass * self._gait.height
@@ -108,11 +109,13 @@ class WalkingDriver(Driver):
         self._base = tree.group
 
     def start(self) -> tuple[Array, Array]:
+        """The stance, at rest on level ground."""
         place = np.zeros(self._base)
         place[2] = self._gait.height
         return np.r_[place, self._gait.stance], np.zeros(self._n)
 
     def command(self, t: float, q: Array, v: Array) -> Array:
+        """(k,) commands of the joints' motors."""
         joints = len(self._gait.stance)
         torque = self._kp * (self._gait(t) - q[-joints:]) - self._kv * v[-joints:]
         return np.asarray(torque / self._gains)
@@ -128,7 +131,7 @@ def _points_of(foot: ContactPoint) -> list[ContactPoint]:
 
 
 def _motion(
-    walk: Walk, feet: Array, height: float, number: int, t: Array, rng: np.random.Generator
+    walk: Any, feet: Array, height: float, number: int, t: Array, rng: np.random.Generator
 ) -> tuple[Array, Array]:
     """(N, 6) displacement and small rotation of the base, and (N, f, 3) displacements of f feet.
 
@@ -169,14 +172,14 @@ def _sines(t: Array, count: int, low: float, high: float, rng: np.random.Generat
     return np.sin(omega * t[:, None, None] + phase).mean(axis=1)
 
 
-def _squats(walk: Walk, height: float, t: Array, rng: np.random.Generator) -> Array:
+def _squats(walk: Any, height: float, t: Array, rng: np.random.Generator) -> Array:
     """(N, 6) of the base over its feet."""
     signals = _sines(t, 6, 0.4, 1.6, rng) * _envelope(t, walk.squat, walk.ramp)[:, None]
     place = height * np.array([walk.sway, walk.sway, walk.depth])
     return signals * np.r_[place, np.full(3, walk.tilt)]
 
 
-def _trot(walk: Walk, feet: Array, height: float, t: Array, rng: np.random.Generator) -> Array:
+def _trot(walk: Any, feet: Array, height: float, t: Array, rng: np.random.Generator) -> Array:
     """(N, f, 3) of the feet: half of them swing while the others, diagonal to them, push back."""
     envelope = _envelope(t, walk.trot, walk.ramp)
     speed = walk.speed * height * _sines(t, 2, 0.1, 0.4, rng)
@@ -195,7 +198,7 @@ def _trot(walk: Walk, feet: Array, height: float, t: Array, rng: np.random.Gener
 
 
 def _wave(
-    walk: Walk, foot: Array, height: float, t: Array, rng: np.random.Generator
+    walk: Any, foot: Array, height: float, t: Array, rng: np.random.Generator
 ) -> tuple[Array, Array]:
     """(N, 6) of the base, which leans away from the foot, and (N, 3) of the foot, in the air."""
     base = np.zeros((len(t), 6))

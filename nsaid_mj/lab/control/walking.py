@@ -1,4 +1,4 @@
-"""Squats, a trot, and waving one leg after another: joint targets in open loop, under PD control."""
+"""Squats, a trot, and waving one leg after another, in open loop under PD control of the joints."""
 
 from __future__ import annotations
 

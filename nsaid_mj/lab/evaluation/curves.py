@@ -199,7 +199,9 @@ def _contacts(run: Run, rows: Indices, truth: Truth | None) -> list[Panel]:
     if truth is not None:
         true = truth.theta_at(log.t[rows])
         scale = system.space.scale
-        theta_hat = theta_hat * common_factor(theta_hat, true, scale, system.space.actuators)[:, None]
+        theta_hat = (
+            theta_hat * common_factor(theta_hat, true, scale, system.space.actuators)[:, None]
+        )
         under = contact_forces(system, log, rows, true).upwards
         panel.add_columns(log.t[rows], under, names, ("true",), pale=True)
     implied = contact_forces(system, log, rows, theta_hat).upwards

@@ -16,7 +16,7 @@ from ...robots import BadRobot, published_numbers
 from .world.config import KnownPlant, PlantConfig, PublishedRobot
 
 if TYPE_CHECKING:
-    from ...core import Array
+    from ...core import Array, JointTree
     from .world.plant import Plant
     from .world.simulated import SimulatedRobot
 

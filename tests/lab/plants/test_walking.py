@@ -1,4 +1,4 @@
-"""Robots that stand on feet: the ground's forces in MuJoCo, and what the structure knows of them."""
+"""Robots that stand on feet: the ground's forces in MuJoCo, and what the structure knows."""
 
 from __future__ import annotations
 
