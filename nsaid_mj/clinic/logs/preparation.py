@@ -237,13 +237,7 @@ def _segments(
     # the weight of a robot that stands still is told by the joints at rest
     drop_rest = robot.jointed and mapping.drop_rest and made.imu is None
     findings += _differentiated(made, robot, rate, source)
-    seen: list[LogPhase] = []
-    for start, end in _stretches(log, findings, short):
-        first = reference.t[np.searchsorted(reference.t, start)]
-        grid = first + np.arange(int((end - first) * rate + 1e-6) + 1) / rate
-        own = _log(grid, log, mapping.hold, rate)
-        first = 3 if made.turns_only else 0
-        seen += phases(own, source, robot, log.events, mapping.phases.detect, first)
+    seen = _phases(log, mapping, robot, rate, _stretches(log, findings, short))
     logs = []
     for phase in seen:
         if phase.used and phase.seconds >= SHORTEST:
@@ -287,6 +281,26 @@ def _segments(
     if segments and drop_rest:
         findings.append(limits_stated(source, segments, limits, robot.joints))
     return segments, seen
+
+
+def _phases(
+    log: Cleaned,
+    mapping: Map,
+    robot: RobotModel,
+    rate: float,
+    stretches: Sequence[tuple[float, float]],
+) -> list[LogPhase]:
+    """The phases of a log's stretches between a start and an end [s], on the grid."""
+    known = log.reference.t
+    unmeasured = 3 if log.made.turns_only else 0
+    seen: list[LogPhase] = []
+    for start, end in stretches:
+        first = known[np.searchsorted(known, start)]
+        grid = first + np.arange(int((end - first) * rate + 1e-6) + 1) / rate
+        own = _log(grid, log, mapping.hold, rate)
+        detect = mapping.phases.detect
+        seen += phases(own, log.source, robot, log.events, detect, unmeasured)
+    return seen
 
 
 def _differentiated(made: Layout, robot: RobotModel, rate: float, source: str) -> list[Finding]:
