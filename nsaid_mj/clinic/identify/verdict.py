@@ -25,7 +25,7 @@ _NOISE = 1.5  # error over that of the command's own noise, which no structure c
 _OF_MOTOR = 0.3  # error over a motor's largest force, above which it explains nothing of use
 
 
-class Judged(NamedTuple):
+class JudgedPart(NamedTuple):
     """The error of the prediction of one joint or velocity, and what it is compared with."""
 
     name: str
@@ -34,7 +34,7 @@ class Judged(NamedTuple):
     fair: float  # above which it does not
 
 
-def graded(parts: Sequence[Judged]) -> tuple[Explains, list[Judged], list[Judged]]:
+def graded(parts: Sequence[JudgedPart]) -> tuple[Explains, list[JudgedPart], list[JudgedPart]]:
     """Whether a structure explains a motion, and the parts that it does not, or only roughly.
 
     It does not if it fails for more than half of the parts. An error that is not finite is poor.
@@ -149,13 +149,13 @@ def _of_predictions(joints: Sequence[JointStructure], arm: bool) -> tuple[Explai
     )
 
 
-def _judged(joint: JointStructure) -> Judged:
+def _judged(joint: JointStructure) -> JudgedPart:
     """A joint's NRMSE beside what can be expected of its sensors, and asked for its motor."""
     checked = np.nan if joint.validation is None else joint.validation
     error = float(np.fmax(joint.held_out, checked))
     motor = _OF_MOTOR * joint.limit / joint.force if joint.force > 0 else np.inf
     good = min(max(_GOOD, _NOISE * joint.noise), motor, _FAIR)
-    return Judged(joint.name, error, good, _FAIR)
+    return JudgedPart(joint.name, error, good, _FAIR)
 
 
 def _in_forces(worst: JointStructure) -> str:

@@ -60,24 +60,24 @@ class Cause(NamedTuple):
     handicap: float = 0.0  # added to the logarithm of its error
 
 
-class Judged(NamedTuple):
+class RankedCause(NamedTuple):
     """A hypothesis and what the commands say about it."""
 
     cause: Cause
     error: float  # geometric mean of the commands' relative errors, NaN without a model
 
 
-def ranked(causes: Sequence[Cause], motion: LogMotion, robot: RobotModel) -> list[Judged]:
+def ranked(causes: Sequence[Cause], motion: LogMotion, robot: RobotModel) -> list[RankedCause]:
     """The hypotheses, the likeliest first."""
-    judged = [Judged(cause, misfit(robot, cause.apply(motion))) for cause in causes]
+    judged = [RankedCause(cause, misfit(robot, cause.apply(motion))) for cause in causes]
     return sorted(judged, key=_surprise)
 
 
-def _surprise(one: Judged) -> float:
+def _surprise(one: RankedCause) -> float:
     return (0.0 if np.isnan(one.error) else np.log(one.error)) + one.cause.handicap
 
 
-def finding_of(judged: Sequence[Judged], where: str, data: dict[str, object]) -> Finding:
+def finding_of(judged: Sequence[RankedCause], where: str, data: dict[str, object]) -> Finding:
     """The first of ranked hypotheses as a refusal, with the evidence and the runner-up."""
     best = judged[0]
     text = best.cause.text

@@ -445,7 +445,7 @@ class Imu:
 
 
 @config
-class Contacts:
+class ContactMap:
     """Where a walking robot touches the ground."""
 
     feet: tuple[Name, ...] = ()  # geoms, sites, links or frames; () to find them in the model file
@@ -500,7 +500,7 @@ class Map:
     # law of motors whose commands are position targets; None if the commands are forces
     pd: Pd | None = None
     base: Imu | None = None  # IMU of a robot that stands and walks; None to find its columns
-    contacts: Contacts = field(default_factory=Contacts)  # feet of such a robot
+    contacts: ContactMap = field(default_factory=ContactMap)  # feet of such a robot
 
 
 _ADAPTER = TypeAdapter(Map)

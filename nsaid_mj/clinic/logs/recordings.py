@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ...base import Finding
 from ...core import Log
 from ...robots import RobotModel
-from .mapping import Contacts, Imu, Vehicle
+from .mapping import ContactMap, Imu, Vehicle
 from .phases import LogPhase
 
 
@@ -47,7 +47,7 @@ class Recordings:
     # law: they act at once, while what else the commands hold may act late; None without feedback
     feedback: NDArray[np.float64] | None = None
     imu: Imu | None = None  # how the IMU of a walking robot was read; None on a fixed base
-    contacts: Contacts = field(default_factory=Contacts)  # feet of such a robot
+    contacts: ContactMap = field(default_factory=ContactMap)  # feet of such a robot
     filled: int = 1  # rows per measured one: more where splines lie between these
 
     @property

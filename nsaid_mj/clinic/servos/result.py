@@ -11,7 +11,7 @@ from ...core import Array
 from ...report import Explains, Parameter, Result, Status
 from ...robots import RobotModel
 from ..identify.loads import Load
-from ..identify.verdict import Judged, graded, with_next
+from ..identify.verdict import JudgedPart, graded, with_next
 from .estimate import JointEstimate, MassScale
 from .fit import ARMATURE, DAMPING, GRAVITY
 from .logs import TRAVEL, ServoLog
@@ -229,7 +229,9 @@ def verdict(
     moving = {joint.name: (joint, error) for joint, error in pairs if joint.judged}
     explains, poor, rough = graded(
         [
-            Judged(joint.name, error, max(_HALF * joint.simple, _STEPS * joint.zero), joint.nearly)
+            JudgedPart(
+                joint.name, error, max(_HALF * joint.simple, _STEPS * joint.zero), joint.nearly
+            )
             for joint, error in moving.values()
         ]
     )

@@ -6,7 +6,7 @@ import pytest
 from nsaid_mj.clinic.identify.calibrate import _command_noise
 from nsaid_mj.clinic.identify.identifiability import _positive
 from nsaid_mj.clinic.identify.result import JointStructure
-from nsaid_mj.clinic.identify.verdict import Judged, graded, verdict
+from nsaid_mj.clinic.identify.verdict import JudgedPart, graded, verdict
 from nsaid_mj.clinic.logs.recordings import LogSegment, Recordings
 from nsaid_mj.core import Log
 from nsaid_mj.core.parameters import Block, ParameterSpace
@@ -21,7 +21,7 @@ def joint(name="elbow", held_out=0.1, **more):
     [((0.1, 0.1), "yes"), ((0.1, 0.3), "partly"), ((0.1, 0.9), "partly"), ((0.9, np.nan), "no")],
 )
 def test_a_structure_explains_as_much_as_its_parts(errors, explains):
-    assert graded([Judged("a", error, 0.2, 0.5) for error in errors])[0] == explains
+    assert graded([JudgedPart("a", error, 0.2, 0.5) for error in errors])[0] == explains
 
 
 def test_the_error_is_told_in_the_unit_of_the_force_and_the_next_step_is_named():

@@ -18,7 +18,7 @@ from lxml import etree
 from ....base import Finding, UnknownName, pin, read_input
 from ....core import Array, ContactPoint
 from ....robots import BadRobot, RobotModel, compile_file
-from ...logs.mapping import Contacts, Imu
+from ...logs.mapping import ContactMap, Imu
 
 _FOOT = re.compile(r"foot|feet|toe|sole", re.IGNORECASE)
 _LOW = 0.15  # of the robot's height, within which the ends of limbs are feet
@@ -38,7 +38,7 @@ class Place(NamedTuple):
     flat: bool = False  # whether it has a face: a box or a mesh
 
 
-def feet_of(robot: RobotModel, stated: Contacts) -> tuple[list[ContactPoint], Finding]:
+def feet_of(robot: RobotModel, stated: ContactMap) -> tuple[list[ContactPoint], Finding]:
     """The feet of a robot whose base floats, and what was found, in words.
 
     Raises:
@@ -74,7 +74,7 @@ def _in_words(contact: ContactPoint) -> str:
     return f"{contact.name} ({kind})"
 
 
-def _contact(robot: RobotModel, group: Sequence[Place], stated: Contacts) -> ContactPoint:
+def _contact(robot: RobotModel, group: Sequence[Place], stated: ContactMap) -> ContactPoint:
     """The contact of places on one link."""
     spheres = [place for place in group if place.radius > 0]
     limb = 0

@@ -26,7 +26,7 @@ from ..problem import FitProblem, mean_squares
 from .rows import Ground, GroundRows
 
 
-class Kind(NamedTuple):
+class OffsetKind(NamedTuple):
     """A kind of error."""
 
     usual: float  # its standard deviation [SI]
@@ -38,11 +38,13 @@ class Kind(NamedTuple):
 
 
 KINDS = {
-    "clock": Kind(5e-3, 1e-4, 1e-3, "readings are late against the joints'", 1e3, "ms"),
-    "place": Kind(0.02, 2e-3, 0.01, "sits elsewhere than the model file says", 1e3, "mm"),
-    "turn": Kind(0.02, 3e-3, 0.01, "is turned against the model file", 180 / np.pi, "°"),
-    "force": Kind(0.2, 0.05, 0.1, "accelerometer has a bias", 1.0, "m/s²"),
-    "foot": Kind(3e-3, 1.5e-3, 1e-3, "touches the ground elsewhere than the model says", 1e3, "mm"),
+    "clock": OffsetKind(5e-3, 1e-4, 1e-3, "readings are late against the joints'", 1e3, "ms"),
+    "place": OffsetKind(0.02, 2e-3, 0.01, "sits elsewhere than the model file says", 1e3, "mm"),
+    "turn": OffsetKind(0.02, 3e-3, 0.01, "is turned against the model file", 180 / np.pi, "°"),
+    "force": OffsetKind(0.2, 0.05, 0.1, "accelerometer has a bias", 1.0, "m/s²"),
+    "foot": OffsetKind(
+        3e-3, 1.5e-3, 1e-3, "touches the ground elsewhere than the model says", 1e3, "mm"
+    ),
 }
 """Kinds by name; a bias of the gyroscope changes nothing.
 

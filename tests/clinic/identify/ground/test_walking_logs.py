@@ -11,7 +11,7 @@ from nsaid_mj.clinic.identify.ground.rows import BASE, Ground, GroundRows
 from nsaid_mj.clinic.identify.ground.search import expected_gains, filter_of
 from nsaid_mj.clinic.identify.identify import identify_forces, recordings_of
 from nsaid_mj.clinic.identify.models import floating, load_robot_model
-from nsaid_mj.clinic.logs.mapping import Contacts, Imu, map_of
+from nsaid_mj.clinic.logs.mapping import ContactMap, Imu, map_of
 from nsaid_mj.clinic.logs.unusable import UnusableLog
 from nsaid_mj.robots import BadRobot, load_tree
 
@@ -61,7 +61,7 @@ def test_feet_and_imu_come_from_the_model(rows: GroundRows) -> None:
 
 def test_an_unknown_foot_is_named(rows: GroundRows) -> None:
     with pytest.raises(NsaidError, match="left_fot"):
-        feet_of(rows.robot, Contacts(feet=("left_fot",)))
+        feet_of(rows.robot, ContactMap(feet=("left_fot",)))
 
 
 def test_the_imu_is_recognised_and_touch_downs_are_no_outliers(rows: GroundRows) -> None:
