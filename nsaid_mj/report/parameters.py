@@ -130,4 +130,5 @@ def correlations(labels: Sequence[str], r: Array) -> list[HeatMap]:
     strongest = np.abs(r - np.diag(np.diag(r))).max(axis=1, initial=0.0)
     order = np.argsort(-strongest, kind="stable")[:_CORRELATED]
     rows = sorted(k for k in order.tolist() if strongest[k] >= _STRONG)
-    return [HeatMap("", [labels[k] for k in rows], r[np.ix_(rows, rows)])] if len(rows) > 1 else []
+    strong = [labels[int(k)] for k in rows]
+    return [HeatMap("", strong, r[np.ix_(rows, rows)])] if len(rows) > 1 else []

@@ -10,9 +10,9 @@ acceleration is measured, and where the unmeasured velocity hardly matters to th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -127,7 +127,7 @@ class _Filled:
         some = np.arange(0, len(t), every)
         linear = np.zeros((len(some), 3))
         now = v[:1].copy()
-        for row, k in enumerate(some):
+        for row, k in enumerate(some.tolist()):
             now[0, 3:] = v[k, 3:]
             if vertical:  # what is measured replaces that part
                 rise = self._turns[k, 2] @ (v[k, :3] - now[0, :3])
@@ -224,6 +224,7 @@ def left_out(findings: Sequence[Finding]) -> str:
     """The sentence of a verdict that says of which equations it holds; "" if of all."""
     for finding in findings:
         if finding.code == ALONE:
-            used, rest = (", ".join(finding.data[key]) for key in ("used", "left_out"))
+            parts: Mapping[str, Any] = finding.data
+            used, rest = (", ".join(parts[key]) for key in ("used", "left_out"))
             return f"This is said of {used}; {rest} cannot be judged, as they are not measured."
     return ""

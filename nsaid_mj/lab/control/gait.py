@@ -84,7 +84,8 @@ class Gait:
     def _round(self, number: int) -> Array:
         """(N, k) joint targets of a round, at intervals of `_TABLE`."""
         if number not in self._rounds:
-            t = np.arange(int(np.ceil(self._walk.cycle / _TABLE)) + 2) * _TABLE
+            rows = int(np.ceil(self._walk.cycle / _TABLE)) + 2
+            t = _TABLE * np.arange(rows, dtype=np.float64)
             rng = np.random.default_rng([self._seed, number])
             base, steps = _motion(self._walk, self._feet, self.height, number, t, rng)
             each = len(self._points) // len(self._feet)

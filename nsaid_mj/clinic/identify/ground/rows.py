@@ -314,7 +314,8 @@ def smooth_ground(ground: Ground, segment: LogSegment, chosen: Filter) -> Smooth
     v = np.hstack([none, spin, rates])
     a = np.hstack([force + down, spun, slope(log.t, rates)])
     usable = np.repeat(segment.usable.all(axis=1)[:, None], v.shape[1], axis=1)
-    return Smooth(log.t[pick], q[pick], v[pick], a[pick], usable[pick])
+    parts = (np.asarray(part[pick], dtype=np.float64) for part in (log.t, q, v, a))
+    return Smooth(*parts, usable[pick])
 
 
 def total_mass(robot: RobotModel, p: int) -> Array:

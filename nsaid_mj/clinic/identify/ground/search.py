@@ -96,7 +96,7 @@ def structured_ground(
         _alternatives(rows, delay, others),
         checked,
         tuple(_structures(rows, delay, interval)),
-        findings,
+        tuple(findings),
         cutoff,
         delay,
         doubts=offsets.changes,

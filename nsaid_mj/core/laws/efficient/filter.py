@@ -172,8 +172,10 @@ class FilterWorkspace(NamedTuple):
             (p, p),
             (3, n),
         )
+        work, slopes = memory_of(structure, n)
         arrays = (np.zeros(size) for size in sizes)
-        return FilterWorkspace(*memory_of(structure, n), *arrays, Touch.of(c, n))
+        parts = (work, slopes, *arrays, Touch.of(c, n))
+        return FilterWorkspace(*parts)
 
 
 _OWN = threading.local()  # workspace of each thread
