@@ -54,6 +54,7 @@ SCENARIOS = (
     "bmw320i",
     "rover",
     "astrobee",
+    "quadruped",
 )
 PAPER = "wrong_gains"  # the paper's law, and no picture of the robot alone
 DURATION = 30.0  # of the others, under the law `efficient` and noisy sensors [s]
