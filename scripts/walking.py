@@ -6,9 +6,9 @@
 Each log is drawn by `tests/court/walking.py`: masses ±20 %, gains and friction ±30 %, feet up to
 5 mm off, slip, soft ground, 200 or 500 Hz, noise and bias of the IMU, 14-bit encoders. The robot's
 total mass is told. Further `field=value` are those of `WalkingLog`, such as `command=position`.
-Prints a line for each log: errors of the gains' ratios and of the gains [%, rms], how many of the 95 %
-intervals hold the truth, the mean half-interval of the gains, the verdict, and CPU time. A log in
-which the robot fell is named, and not counted.
+Prints a line for each log: errors of the gains' ratios and of the gains [%, rms], how many of the
+95 % intervals hold the truth, the mean half-interval of the gains, the verdict, and CPU time. A log
+in which the robot fell is named, and not counted.
 """
 
 import argparse
