@@ -1,7 +1,6 @@
 """Settings of the laws `memory` and `efficient`, as part of a scenario."""
 
 from ...base import Config, NonNegative, Positive, config
-from ..log import SensorLevels
 
 
 @config
@@ -16,9 +15,10 @@ class MemoryConfig(Config):
             information as the barrier; better observed directions converge faster.
         anchor: weight of the divergence from the prior relative to the data; 1 counts the prior as
             one measurement whose error is as large as the prior itself. None is 1 with noisy
-            sensors and 0 with exact ones, where unexcited directions simply stay where they are.
-            With noisy sensors 0 or a small weight is not recommended: along unexcited directions
-            noise alone then moves the estimate, and its scale, which the anchor would hold.
+            sensors or contacts that sink in, else 0: unexcited directions then simply stay where
+            they are. With inexact data 0 or a small weight is not recommended: along unexcited
+            directions noise alone then moves the estimate, and its scale, which the anchor would
+            hold.
         horizon: time constant of forgetting [s]; 0 never forgets. Information is forgotten only
             in directions in which new data bring as much: unexcited directions keep theirs.
     """
@@ -32,9 +32,9 @@ class MemoryConfig(Config):
     anchor: NonNegative | None = None
     horizon: NonNegative = 0.0
 
-    def weight(self, levels: SensorLevels) -> float:
-        """The anchor's weight with these sensors."""
-        return self.anchor if self.anchor is not None else 0.0 if levels.exact else 1.0
+    def weight(self, exact: bool) -> float:
+        """The anchor's weight, with rows that are `exact` or not."""
+        return self.anchor if self.anchor is not None else 0.0 if exact else 1.0
 
 
 @config

@@ -107,6 +107,8 @@ class ContactPoint:
         flat: whether the contact also exerts a torque, as a flat foot's: six rows instead of three.
         normal: (3,) outward normal of the surface in world axes; None for the vertical.
         name: name, for messages.
+        sinking: how far along the normal its force may act from this place [m], one standard
+            deviation: half of what soft ground and feet yield. With 0 the place is exact.
     """
 
     body: int
@@ -115,6 +117,7 @@ class ContactPoint:
     flat: bool = False
     normal: ArrayLike | None = None
     name: str = ""
+    sinking: float = 0.0
 
     @property
     def rows(self) -> int:

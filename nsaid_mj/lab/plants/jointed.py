@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 Backend = Literal["compiled", "pinocchio"]
 """Implementation of a robot's regressors: its structure's, or Pinocchio's."""
 
+# Half of a foot's mean depth in the ground, over g softness²: 1.04 mm of a go2 that walks on ground
+# of .02 s. MuJoCo's contact forces act half-way between the surfaces.
+_SINKING = 0.13
+
 _UNSURE = (
     ("rotor inertia", 1.0),
     ("rotor thrust gain", 1.0),
@@ -199,8 +203,15 @@ class WalkingPlant(FloatingBasePlant):
         if not links:
             remedy = "Name them: --plant.feet FOOT."
             raise BadRobot(self.robot, "", f"no moving link's name ends in {self.feet!r}", remedy)
+        sinking = _SINKING * GRAVITY * self.softness**2
         contacts = tuple(
-            ContactPoint(f.parentJoint - 1, f.placement.translation, self.foot_radius, name=name)
+            ContactPoint(
+                f.parentJoint - 1,
+                f.placement.translation,
+                self.foot_radius,
+                name=name,
+                sinking=sinking,
+            )
             for name, f in links.items()
         )
         structure = replace(known.system.structure, contacts=contacts)

@@ -252,8 +252,8 @@ def test_a_memory_configuration_out_of_range_is_refused(field, bad):
     assert caught.value.name == f"identifier.memory.{field}" and caught.value.remedy
 
 
-def test_the_anchor_defaults_to_1_for_noisy_and_0_for_ideal_sensors():
-    assert MemoryConfig().weight(EXACT) == 0 and MemoryConfig().weight(LOUD.levels) == 1
+def test_the_anchor_defaults_to_0_for_exact_and_1_for_other_rows():
+    assert MemoryConfig().weight(True) == 0 and MemoryConfig().weight(False) == 1
     for anchor in (0.0, 0.3):
-        for levels in (EXACT, LOUD.levels):
-            assert MemoryConfig(anchor=anchor).weight(levels) == anchor
+        for exact in (True, False):
+            assert MemoryConfig(anchor=anchor).weight(exact) == anchor

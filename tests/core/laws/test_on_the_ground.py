@@ -62,6 +62,32 @@ def test_its_motion_contradicts_the_truth_only_if_it_is_taken_as_one_in_the_air(
     assert levels(flying, truth).max() > 0.1
 
 
+def test_the_memory_expects_what_feet_that_sink_in_do_to_its_rows():
+    system, _ = quadruped(0.02)
+    whole, truth = walk()
+    log = whole.part(2000, 4001)
+    feet = system.structure.contacts
+    sinking = 5e-4
+
+    def recorded(contacts):
+        other = rebuilt(system, replace(system.structure, contacts=contacts), system.space)
+        recorder = Recorder(other, MemoryConfig(), 1e-3, EXACT)
+        return recorder, recorder.follow(recorder.begin(log.at(0)), log).means
+
+    recorder, means = recorded(tuple(replace(foot, sinking=sinking) for foot in feet))
+    assert not recorder.exact
+    expected = (means.noise @ truth @ truth)[:6]
+    found = np.zeros(6)
+    for k, foot in enumerate(feet):
+        wrong = replace(foot, radius=foot.radius - sinking)
+        recorder, means = recorded((*feet[:k], wrong, *feet[k + 1 :]))
+        assert recorder.exact
+        assert not means.noise.any()
+        found += (means.gramian @ truth @ truth)[:6]
+    for part in (slice(0, 3), slice(3, 6)):  # forces, torques
+        assert 0.5 < np.sqrt(expected[part].sum() / found[part].sum()) < 2
+
+
 def test_v_falls_and_the_conserved_quantity_stays(run):
     identifier, state, estimates = run
     _, truth = walk()

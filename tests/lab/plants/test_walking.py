@@ -151,3 +151,5 @@ def test_gains_are_found_while_it_walks(sensors, tmp_path):
     result = evaluate(finished, truth_of(finished))
     assert result.accuracy.actuator_ratio_error < 2e-3
     assert result.accuracy.force_residual_ratio < 5e-3
+    assert result.accuracy.theta_perp_ratio < result.accuracy.theta_perp_ratio_initial
+    assert result.confidence.covered >= 0.9

@@ -76,8 +76,8 @@ class ImplicitMemory:
         self.metric = metric
         self.config = config
         self.prior = prior
-        self.anchor = config.weight(levels)
         self.recorder = Recorder(system, config, dt, levels, hermite)
+        self.anchor = config.weight(self.recorder.exact)
         self.every = self.recorder.every
         self._dt = dt
         self._pace = config.pace * self.every * dt
@@ -112,7 +112,7 @@ class ImplicitMemory:
         view = memory.scores.view
         if not inside(self.metric.cone, theta):
             return self.prior if view is None else view.theta
-        if view is None or self.recorder.levels.exact or np.array_equal(view.theta, theta):
+        if view is None or self.recorder.exact or np.array_equal(view.theta, theta):
             return theta
         remembered = Remembered.of(memory.means, self.system.space)
         if remembered is None:
@@ -147,7 +147,7 @@ class ImplicitMemory:
 
         With A the data's information at θ (p,) and B that of a measurement as good as 18 %,
         directions in which B has the share s of A + B are held by 100 (2s)⁶ of A + B: far more than
-        by the data where A ≤ B, less than 0.5 % of that where A > 10 B. 0 with exact sensors.
+        by the data where A ≤ B, less than 0.5 % of that where A > 10 B. 0 with exact rows.
         `cost` is R, weighted at θ.
         """
         if not memory.means.noise.any():
@@ -165,8 +165,8 @@ class ImplicitMemory:
         minimised cost at θ̂ and S the covariance of its gradient at θ*: of the sum of the blocks'
         scores, robust to correlation between rows and neighbouring blocks (White, Econometrica 48,
         1980; Newey and West, 1987), plus that of independent residuals, since few blocks leave it
-        rank-deficient; of the pull towards the prior; and the square of the bias that noise of q
-        and v causes.
+        rank-deficient; of the pull towards the prior; and the square of the bias that inaccurate
+        rows cause.
         """
         cost = remembered.weighted(theta)
         data = cost.curvature(theta)

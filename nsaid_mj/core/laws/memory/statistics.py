@@ -6,6 +6,7 @@ G_i (p, p). The scores of blocks that follow an estimate show its uncertainty.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from ...log import Log, Measurement, SensorLevels
 from ...parameters import Array
 from ...quotient.gramians import Means
-from ...structure.system import SecondOrderSystem
+from ...structure.system import SecondOrderSystem, rebuilt
 from ..settings import MemoryConfig
 from .feedback import FedBack
 from .momentum import CORRECTION_TIME, Balance, along, correct_drift, steady_gain
@@ -89,8 +90,9 @@ class Recorder:
     """Updates a `Memory` from measurements, `dt` [s] apart, by pure functions.
 
     `levels` are standard deviations of the sensors' noise; interpolation between samples is cubic
-    if `hermite`, else linear. There are `every` samples between two implicit steps, `block` in a
-    block, whose weight decreases by the factor `fade` per block.
+    if `hermite`, else linear. Rows are `exact` if sensors and contacts' places are. There are
+    `every` samples between two implicit steps, `block` in a block, whose weight decreases by the
+    factor `fade` per block.
     """
 
     def __init__(
@@ -112,6 +114,8 @@ class Recorder:
         # variances of W_M, of ż, and of ż where it follows the commands, in a block
         drifting = 0.5 * config.window * dt
         self._averaging = 1 / self.block, min(drifting, CORRECTION_TIME * dt), drifting
+        self._displaced = _displaced(system)
+        self.exact = levels.exact and not self._displaced
 
     def begin(self, first: Measurement) -> Memory:
         """The empty memory at a first measurement."""
@@ -196,6 +200,8 @@ class Recorder:
         noise = means.noise
         if not self.levels.exact:
             noise = self._noise(here, memory.balance.fed.deviations())
+        if self._displaced:
+            noise = self._of_contacts(here) + (0.0 if self.levels.exact else noise)
         return memory._replace(
             fresh=fresh[:0],
             scores=memory.scores.with_blocks(self.fade, fresh[first:], before[first:]),
@@ -226,3 +232,32 @@ class Recorder:
         rows = [s**0.5 * part for s, part in zip(self._averaging, effects, strict=True)]
         both = np.concatenate(rows).transpose(1, 0, 2)
         return np.matmul(both.transpose(0, 2, 1), both)
+
+    def _of_contacts(self, here: Measurement) -> Array:
+        """(n, p, p) Gramians of what inaccurate places of the contacts make of a block.
+
+        To first order, near a sample, and of places that stay wrong as long as the balance's
+        window: z follows its right-hand side, divided by a.
+        """
+        log = Log.unchecked(*(np.repeat(np.asarray(part)[None], 2, 0) for part in here))
+
+        def balance(system: SecondOrderSystem) -> Array:
+            momenta, rates, *_ = system.momentum_balance(self._leak, log, log.q[1:], log.v[1:])
+            return momenta[0] - rates[0] / self._leak
+
+        right = balance(self.system)
+        off = np.array([balance(system) - right for system in self._displaced]).transpose(1, 0, 2)
+        return np.matmul(off.transpose(0, 2, 1), off)
+
+
+def _displaced(system: SecondOrderSystem) -> list[SecondOrderSystem]:
+    """The system with one of its contacts, each in turn, `ContactPoint.sinking` away."""
+    contacts = system.structure.contacts
+    found = []
+    for k, contact in enumerate(contacts):
+        if contact.sinking:
+            higher = replace(contact, radius=contact.radius - contact.sinking)
+            moved = (*contacts[:k], higher, *contacts[k + 1 :])
+            structure = replace(system.structure, contacts=moved)
+            found.append(rebuilt(system, structure, system.space))
+    return found
