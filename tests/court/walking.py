@@ -54,7 +54,7 @@ class Legged:
     sole: tuple[tuple[float, ...], ...] = ()
     imu: tuple[float, float, float] = (0.0, 0.0, 0.0)
     locked: tuple[str, ...] = ()
-    stiffness: float = 2.0
+    stiffness: float = 3.0
     walk: dict[str, float] = field(default_factory=dict)
 
 

@@ -51,7 +51,7 @@ class Walk(DriverConfig):
     tilt: Share = 0.15
     reach: Share = 0.2
     lean: NonNegative = 0.3
-    stiffness: Positive = 2.0
+    stiffness: Positive = 3.0
     damping: Positive = 0.03
 
     @property
