@@ -203,9 +203,9 @@ def _spelled(argument: str, paths: Sequence[str], main: Mapping[str, str], own: 
 
 def _check_plant(plant: PlantConfig) -> None:
     """Raises an error if there is no such robot or vehicle as a plant of this package names."""
-    from .plants.jointed import ArmPlant
+    from .plants.jointed import JointedPlant
 
-    if isinstance(plant, ArmPlant):
+    if isinstance(plant, JointedPlant):
         robot_file(plant.robot)
         return
     from .plants.world.blueprint import VehiclePlant

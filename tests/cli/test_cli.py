@@ -160,7 +160,7 @@ def test_an_unknown_scenario_gives_the_near_ones(name: str, near: str) -> None:
     code, said = shell("run", name)
     assert code == 2 and said.out == ""
     assert said.err.startswith(f"nsaid: unknown scenario: '{name}'.")
-    assert near in said.err and "ending in .py" in said.err
+    assert near in said.err and "is given by its path" in said.err
     assert len(said.err.splitlines()) == 1
 
 

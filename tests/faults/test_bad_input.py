@@ -81,8 +81,8 @@ WORDS = {  # what is typed: expected, got, remedy
     "arm --robot weightless.urdf": ("link of joint", "its mass is 0 kg", "Give it an <inertial>"),
     "arm --robot impossible.urdf": ("link of joint j1", "no body has", "Correct <inertia>"),
     "arm --robot sentence.urdf": ("sentence.urdf", "it is not XML", "Correct the file"),
-    "scalar_rv": ("unknown scenario: 'scalar_rv'", "Did you mean scalar_rov", "ending in .py"),
-    "sentence.urdf": ("unknown scenario: 'sentence.urdf'", "Known:", "ending in .py"),
+    "scalar_rv": ("unknown scenario: 'scalar_rv'", "Did you mean scalar_rov", "by its path"),
+    "sentence.urdf": ("unknown scenario: 'sentence.urdf'", "Known:", "by its path"),
     "empty.py": ("defines `scenario = Scenario(…)`", "got none", "See scenarios/"),
 }
 

@@ -5,6 +5,7 @@ The plants themselves are made in the files of the same names, which are importe
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -39,29 +40,8 @@ _UNSURE = (
 
 
 @config
-class ArmPlant(KnownPlant):
-    """A robot with a motor or servo on every joint; a floating base is fixed to a stand.
-
-    Joints without an actuator in the robot's file are passive. Friction, rotor inertia and gain
-    have one nominal value for all joints, as in a data sheet; None uses those of an MJCF (their
-    median for a joint without any), or else values typical of the robot's size. The hidden true
-    values, drawn from the seed, deviate from these joint by joint, by up to `spread`.
-
-    Attributes:
-        robot: a name of example-robot-data, or the path of a URDF or MJCF file.
-        damping: nominal viscous friction [N·m·s/rad or N·s/m].
-        friction: nominal Coulomb friction [N·m or N].
-        armature: nominal reflected rotor inertia [kg·m² or kg]; 0 leaves it out of θ.
-        gain: nominal gain of a motor [N·m or N per unit of command] or servo [N·m/rad or N/m];
-            None for the file's kp of a servo, and 1 of a motor.
-        spread: largest relative deviation of the true values from the nominal ones.
-        friction_speed: s in the Coulomb friction −c tanh(q̇/s) [rad/s or m/s].
-        backend: implementation of the identifier's regressors: `compiled`, checked against
-            Pinocchio at every start, or `pinocchio`, several times slower.
-        actuator: `motor`, with torque gain · command, or `servo`, with gain · (target − position),
-            at most the file's `forcerange`; None for servos where the file has position servos on
-            all joints, whose kv is part of the damping, else motors.
-    """
+class JointedPlant(KnownPlant, ABC):
+    """A robot with a motor or servo on every joint. Its attributes are those of `ArmPlant`."""
 
     robot: Name = "ur5"
     damping: Positive | None = None
@@ -112,7 +92,8 @@ class ArmPlant(KnownPlant):
         system = structure(robot.model, nominal, speed)
         joints = [block.name for block in system.space.blocks if block.geometry == "positive"]
         unsure = [(name, 1.0) for name in joints]
-        return PublishedRobot(robot, system, published_theta(robot.model, system), unsure)
+        known = PublishedRobot(robot, system, published_theta(robot.model, system), unsure)
+        return self._standing(known)
 
     def _made(self, known: PublishedRobot, dt: float, theta: Array) -> SimulatedRobot:
         """Makes the plant, and compares MuJoCo with Pinocchio.
@@ -155,8 +136,45 @@ class ArmPlant(KnownPlant):
             check_stiffness(made, robot.name)
         return made
 
+    @abstractmethod
+    def _standing(self, known: PublishedRobot) -> PublishedRobot:
+        """The robot with its contacts as part of the structure."""
+
+    @abstractmethod
     def _surround(self, spec: Any, system: JointTree) -> None:
-        """Adds what surrounds the robot to MuJoCo's specification: nothing."""
+        """Adds what surrounds the robot to MuJoCo's specification."""
+
+
+@config
+class ArmPlant(JointedPlant):
+    """A robot with a motor or servo on every joint; a floating base is fixed to a stand.
+
+    Joints without an actuator in the robot's file are passive. Friction, rotor inertia and gain
+    have one nominal value for all joints, as in a data sheet; None uses those of an MJCF (their
+    median for a joint without any), or else values typical of the robot's size. The hidden true
+    values, drawn from the seed, deviate from these joint by joint, by up to `spread`.
+
+    Attributes:
+        robot: a name of example-robot-data, or the path of a URDF or MJCF file.
+        damping: nominal viscous friction [N·m·s/rad or N·s/m].
+        friction: nominal Coulomb friction [N·m or N].
+        armature: nominal reflected rotor inertia [kg·m² or kg]; 0 leaves it out of θ.
+        gain: nominal gain of a motor [N·m or N per unit of command] or servo [N·m/rad or N/m];
+            None for the file's kp of a servo, and 1 of a motor.
+        spread: largest relative deviation of the true values from the nominal ones.
+        friction_speed: s in the Coulomb friction −c tanh(q̇/s) [rad/s or m/s].
+        backend: implementation of the identifier's regressors: `compiled`, checked against
+            Pinocchio at every start, or `pinocchio`, several times slower.
+        actuator: `motor`, with torque gain · command, or `servo`, with gain · (target − position),
+            at most the file's `forcerange`; None for servos where the file has position servos on
+            all joints, whose kv is part of the damping, else motors.
+    """
+
+    def _standing(self, known: PublishedRobot) -> PublishedRobot:
+        return known
+
+    def _surround(self, spec: Any, system: JointTree) -> None:
+        pass
 
 
 @config
@@ -171,7 +189,7 @@ class FloatingBasePlant(ArmPlant):
 
 
 @config
-class WalkingPlant(FloatingBasePlant):
+class WalkingPlant(JointedPlant):
     """A robot that stands on round feet on level ground, with a motor on every joint.
 
     Other attributes are those of `ArmPlant`.
@@ -188,16 +206,16 @@ class WalkingPlant(FloatingBasePlant):
     foot_radius: Positive = 0.022  # of the go2 in MuJoCo Menagerie
     sliding: Positive = 0.8
     softness: Positive = 0.02
+    _base: ClassVar[Literal["held", "free"]] = "free"
 
-    def _published(self) -> PublishedRobot:
-        """See `ArmPlant`; the structure knows where the feet are, but not the forces on them.
+    def _standing(self, known: PublishedRobot) -> PublishedRobot:
+        """The structure knows where the feet are, but not the forces on them.
 
         Raises:
-            BadRobot: no link has such a name, or as for `ArmPlant`.
+            BadRobot: no link has such a name.
         """
         from ...core import ContactPoint, rebuilt
 
-        known = super()._published()
         model = known.source.model
         links = {f.name: f for f in model.frames if f.name.endswith(self.feet) and f.parentJoint}
         if not links:

@@ -34,7 +34,7 @@ def test_examples_are_maps(block):
         m.Battery,
         m.Phases,
         m.Imu,
-        m.Contacts,
+        m.ContactMap,
     ],
     ids=lambda p: p.__name__,
 )
