@@ -242,8 +242,9 @@ def _joints(
         errors["validation_least_squares"] = _validated(problem, made.checked, least)
     errors["force"] = problem.forces(theta)
     if robot.jointed:
-        errors["noise"] = _command_noise(recordings, made.cutoff)
-        errors["limit"] = np.abs(robot.gain) * robot.limits
+        base = len(made.velocities) - len(robot.joints)  # velocities without a motor, if it floats
+        errors["noise"] = np.append(np.zeros(base), _command_noise(recordings, made.cutoff))
+        errors["limit"] = np.append(np.full(base, np.inf), np.abs(robot.gain) * robot.limits)
     units = ["N" if unit.startswith("m") else "N·m" for unit in robot.system.velocity_units]
     return tuple(
         replace(velocity, unit=unit, **{key: float(values[j]) for key, values in errors.items()})
