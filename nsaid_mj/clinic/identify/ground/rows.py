@@ -39,7 +39,7 @@ from ..joints import FILE, TRUSTED
 from ..links import file_links, link_blocks
 from ..problem import FitProblem, Mask, Size
 from ..rows import Rows, unrolled, with_columns
-from ..smoothing import Filter, Smooth, delayed, fed_back, slope, smooth_commands
+from ..smoothing import Filter, Smooth, delayed, slope, smooth_commands
 
 BASE = 6
 """Velocities of the base, before those of the joints."""
@@ -49,6 +49,8 @@ _FEW = 50  # rows of a velocity below which its parameters could make them all 0
 _WIDE = 2.0  # standard deviation of log θ of frictions and rotors: a factor of 7
 FRICTIONS = ("rotor", "viscous", "coulomb")
 """Columns of every joint."""
+CONTROLLED = "controller's damping"
+"""What viscous friction contains of motors under a PD law: no motion tells the two apart."""
 _WEIGHED = 0.002  # standard deviation of the logarithm of a weighed robot's mass
 
 
@@ -185,6 +187,9 @@ class GroundRows(Rows):
         for name in FRICTIONS:
             column = COLUMNS[name]
             kinds = [self._slides(j) for j in range(len(joints))]
+            said = column.block
+            if name == "viscous" and self.recordings.feedback is not None:
+                said = f"{CONTROLLED} and {said}"
             blocks.append(
                 Block(
                     column.block,
@@ -192,7 +197,7 @@ class GroundRows(Rows):
                     tuple(column.unit[kind] for kind in kinds),
                     self._guess(name),
                     "positive",
-                    labels=tuple(f"{column.block} of {joint}" for joint in joints),
+                    labels=tuple(f"{said} of {joint}" for joint in joints),
                 )
             )
         units = self.recordings.command_units
@@ -222,7 +227,11 @@ class GroundRows(Rows):
         force = np.sqrt(np.mean(u**2, axis=0))
         guess = COLUMNS[name].share * force / np.maximum(np.sqrt(np.mean(moved**2, axis=0)), 1e-9)
         guess = np.maximum(guess, 1e-9)
-        return np.where(given > 0, np.minimum(given, guess / COLUMNS[name].share), guess)
+        found = np.where(given > 0, np.minimum(given, guess / COLUMNS[name].share), guess)
+        law = self.recordings.feedback
+        if name == "viscous" and law is not None:
+            found = found + law[1] * self.gain
+        return found
 
     def _slides(self, joint: int) -> bool:
         return slides(self.robot.model.joints[joint + 2])
@@ -250,8 +259,8 @@ class GroundRows(Rows):
         u = delayed(segment, self.chosen, curve, delay)
         motion = self.motions[number]
         law = self.recordings.feedback
-        if law is not None:
-            u = u - fed_back(law, motion.q[:, BASE + 1 :], motion.v[:, BASE:])
+        if law is not None:  # its damping is part of viscous friction
+            u = u - law[0] * motion.q[:, BASE + 1 :]
         return u * np.sign(self.robot.gain)
 
     def commands(self, delay: Array) -> Array:

@@ -65,7 +65,7 @@ def structured_ground(
     report("finding which legs swing")
     seen = _stance(rows, fit, delay)
     rows = rows.like(ground=replace(rows.ground, touching=seen.touching))
-    findings = [said, where, *_swing(rows, seen)]
+    findings = [said, where, *_swing(rows, seen), *_damping(rows)]
     if recordings.imu.accelerometer is None:
         rows.usable[:, :BASE] = False
         text = "without an accelerometer the balance of the whole robot is not known, only that of "
@@ -185,6 +185,15 @@ def _swing(rows: GroundRows, seen: Stance) -> Iterator[Finding]:
 
 
 _RARE = 0.01  # share of swing below which a foot counts as never released
+
+
+def _damping(rows: GroundRows) -> Iterator[Finding]:
+    """Where the damping of a PD law is: no motion tells it from viscous friction."""
+    if rows.recordings.feedback is not None:
+        text = "viscous friction below contains the damping of the motors' PD law: only their sum "
+        text += "acts on the motion, and kd of a controller is seldom exact. So the exported "
+        text += "model's motors need kp (target − position) alone"
+        yield Finding("note", "damping", "", text)
 
 
 def _delay(rows: GroundRows, theta: Array) -> tuple[float, float]:
