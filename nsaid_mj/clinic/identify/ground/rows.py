@@ -69,9 +69,8 @@ class Ground:
 class GroundRows(Rows):
     """All columns of a walking robot's segments, without contact forces, filtered once.
 
-    `speed` is the index of s of tanh(v/s) in `SPEEDS`.
-
     Attributes:
+        speed: index of s of tanh(v/s) in `SPEEDS`.
         gain: (k,) expected gains.
         spread: (k,) standard deviations of their logarithms.
         system: the robot's, base first, with an angle as the position of every joint.
@@ -118,16 +117,15 @@ class GroundRows(Rows):
         self,
         recordings: Recordings | None = None,
         ground: Ground | None = None,
-        speed: int | None = None,
         chosen: Filter | None = None,
     ) -> GroundRows:
-        """The rows of other recordings, another filter or friction, or other assumptions."""
+        """The rows of other recordings, another filter, or other assumptions."""
         other = GroundRows(
             self.robot,
             recordings or self.recordings,
             chosen or self.chosen,
             ground or self.ground,
-            self.speed if speed is None else speed,
+            self.speed,
         )
         other.expect(self.gain, self.spread)
         other.usable[:, :BASE] &= self.usable[:, :BASE].any()
@@ -269,17 +267,28 @@ class GroundRows(Rows):
             [self.chosen.rows(self.acting(k, delay)) for k in range(len(self.motions))]
         )
 
-    def problem(self, delay: Array) -> FitProblem:
-        """The fit with commands that act late by (k,) seconds."""
+    def problem(self, delay: Array, speed: int | None = None, lead: float = 0.0) -> FitProblem:
+        """The fit with commands that act late by (k,) seconds.
+
+        Coulomb friction is proportional to tanh((v + `lead` · v̇)/s), with s of index `speed` in
+        `SPEEDS`; None for that of the rows.
+        """
         space = self.space
         at = space.actuators
+        rubbed = [space.index(f"{COLUMNS['coulomb'].letter}_{j + 1}") for j in range(len(self.gain))]
+        s = SPEEDS[self.speed if speed is None else speed]
         Y = self.fixed.copy()
         acting = []
+        rubbing = []
         for number, each in enumerate(self.eliminated):
             u = self.acting(number, delay)[:, self.driven]
             own = each.E[:, :, [BASE + j for j in self.driven]]
             acting.append(self.chosen.rows(-own * u[:, None, :]))
+            motion = self.motions[number]
+            sign = np.tanh((motion.v + lead * motion.a)[:, BASE:] / s)
+            rubbing.append(self.chosen.rows(each.E[:, :, BASE:] * sign[:, None, :]))
         Y[:, :, at] = np.concatenate(acting)
+        Y[:, :, rubbed] = np.concatenate(rubbing)
         own = file_links(self.robot.model)
         frictions = np.concatenate([self._guess(name) for name in FRICTIONS])
         prior = np.concatenate([own, frictions, self.gain[self.driven]])
