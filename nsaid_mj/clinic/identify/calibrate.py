@@ -186,7 +186,7 @@ def _identification(
     gain_spread = problem.spread[problem.space.actuators]
     stated = bool((gain_spread < TRUSTED).all())
     scale = common_scale(problem, exact, fit.theta, stated, robot.weightless, known)
-    if not robot.jointed:  # carries no load that one of two logs lacks
+    if not robot.jointed or robot.floating:  # carries no load that one of two logs lacks
         scale = scale._replace(remedy=scale.remedy.replace(_BY_LOAD, _BY_KNOWN))
     found = [*found, *idle_values(problem, scale, of_parameters(robot, known))]
     explains, sentence = verdict(joints, found, scale, robot.held)

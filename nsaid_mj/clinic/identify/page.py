@@ -246,6 +246,8 @@ def _kinds(result: Identification) -> list[PageItem]:
         return []
     lines: list[list[Cell]] = []
     for name in names:
+        if not any(name in members for members in kinds.values()):
+            continue  # a velocity of a base that floats
         cells: list[Cell] = [name]
         for members in kinds.values():
             p = members.get(name)

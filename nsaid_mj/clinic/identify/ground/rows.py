@@ -275,7 +275,9 @@ class GroundRows(Rows):
         """
         space = self.space
         at = space.actuators
-        rubbed = [space.index(f"{COLUMNS['coulomb'].letter}_{j + 1}") for j in range(len(self.gain))]
+        rubbed = [
+            space.index(f"{COLUMNS['coulomb'].letter}_{j + 1}") for j in range(len(self.gain))
+        ]
         s = SPEEDS[self.speed if speed is None else speed]
         Y = self.fixed.copy()
         acting = []

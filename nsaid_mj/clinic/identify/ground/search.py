@@ -37,10 +37,11 @@ _ROWS = 2.5  # rows per second over the cut-off: more hold nothing new
 _MOST_ROWS = 6000.0  # of all logs
 _SPEED = 4  # index of the first s of tanh(v/s): 0.05 rad/s
 _LEAD = 0.01
-# by which dry friction may turn before the velocity does [s]: MuJoCo's `frictionloss` brings a joint
-# to rest as v̇ = −v/_LEAD with its default `solreffriction`, which imitates rotor inertia
+# by which dry friction may turn before the velocity does [s]: MuJoCo's `frictionloss` stops a joint
+# by v̇ = −v/_LEAD with its default `solreffriction`, so that its force imitates rotor inertia
 _STEP = 0.006  # between first trial delays [s]
 _REACH = 0.06  # largest delay [s]
+_DOUBTED = 5e-3  # standard deviation of a delay that is not sought [s]
 
 
 def structured_ground(
@@ -73,7 +74,8 @@ def structured_ground(
     if recordings.imu.accelerometer is None:
         rows.usable[:, :BASE] = False
         text = "without an accelerometer the balance of the whole robot is not known, only that of "
-        text += "legs in swing: ratios of gains are ten times less certain"
+        text += "legs in swing: ratios of gains are ten times less certain, and no delay of the "
+        text += "commands is sought"
         remedy = "Log the IMU's specific force, too."
         findings.append(Finding("warning", "no_accelerometer", "base", text, remedy))
     report("finding the speed of friction")
@@ -83,7 +85,9 @@ def structured_ground(
     findings += offsets.findings([foot.name for foot in feet])
     interval = None
     others: list[float] = []
-    if options.delay is None:
+    if options.delay is None and recordings.imu.accelerometer is None:
+        others = [_DOUBTED]
+    elif options.delay is None:
         report("finding the commands' delay")
         common, deviation = _delay(rows, fit.theta)
         delay = np.full(k, common)
