@@ -251,14 +251,18 @@ class GroundRows(Rows):
         joints = range(len(self.robot.joints))
         return [Rotor(BASE + j, self.space.index(f"{letter}_{j + 1}")) for j in joints]
 
-    def acting(self, number: int, delay: Array) -> Array:
-        """(M, k) unfiltered commands of a motion, late by (k,) seconds."""
+    def acting(self, number: int, delay: Array, lag: float = 0.0) -> Array:
+        """(M, k) unfiltered commands of a motion, late by (k,) seconds.
+
+        Of a PD law the measured motion acts late by `lag` [s].
+        """
         segment, curve = self._commands[number]
         u = delayed(segment, self.chosen, curve, delay)
         motion = self.motions[number]
         law = self.recordings.feedback
         if law is not None:  # its damping is part of viscous friction
-            u = u - law[0] * motion.q[:, BASE + 1 :]
+            earlier = motion.q[:, BASE + 1 :] - lag * motion.v[:, BASE:]
+            u = u - law[0] * earlier + lag * law[1] * motion.a[:, BASE:]
         return u * np.sign(self.robot.gain)
 
     def commands(self, delay: Array) -> Array:
@@ -267,8 +271,10 @@ class GroundRows(Rows):
             [self.chosen.rows(self.acting(k, delay)) for k in range(len(self.motions))]
         )
 
-    def problem(self, delay: Array, speed: int | None = None, lead: float = 0.0) -> FitProblem:
-        """The fit with commands that act late by (k,) seconds.
+    def problem(
+        self, delay: Array, speed: int | None = None, lead: float = 0.0, lag: float = 0.0
+    ) -> FitProblem:
+        """The fit with commands that act late by (k,) seconds; `lag` is that of `acting`.
 
         Coulomb friction is proportional to tanh((v + `lead` · v̇)/s), with s of index `speed` in
         `SPEEDS`; None for that of the rows.
@@ -283,7 +289,7 @@ class GroundRows(Rows):
         acting = []
         rubbing = []
         for number, each in enumerate(self.eliminated):
-            u = self.acting(number, delay)[:, self.driven]
+            u = self.acting(number, delay, lag)[:, self.driven]
             own = each.E[:, :, [BASE + j for j in self.driven]]
             acting.append(self.chosen.rows(-own * u[:, None, :]))
             motion = self.motions[number]

@@ -39,6 +39,7 @@ _SPEED = 4  # index of the first s of tanh(v/s): 0.05 rad/s
 _LEAD = 0.01
 # by which dry friction may turn before the velocity does [s]: MuJoCo's `frictionloss` stops a joint
 # by v̇ = −v/_LEAD with its default `solreffriction`, so that its force imitates rotor inertia
+_LAG = 1e-3  # by which a PD law may act late on the measured motion [s]: a loop at 1 kHz
 _STEP = 0.006  # between first trial delays [s]
 _REACH = 0.06  # largest delay [s]
 _DOUBTED = 5e-3  # standard deviation of a delay that is not sought [s]
@@ -273,5 +274,7 @@ def _alternatives(rows: GroundRows, delay: Array, others: Sequence[float]) -> It
     for speed in {max(rows.speed - 2, 0), min(rows.speed + 2, len(SPEEDS) - 1)} - {rows.speed}:
         yield rows.problem(delay, speed)
     yield rows.problem(delay, lead=_LEAD)
+    if rows.recordings.feedback is not None:
+        yield rows.problem(delay, lag=_LAG)
     chosen = filter_of(rows.recordings, NARROWER * rows.chosen.cutoff)
     yield rows.like(chosen=chosen).problem(delay)
