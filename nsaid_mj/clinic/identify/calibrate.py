@@ -241,6 +241,9 @@ def _joints(
         errors["validation"] = _validated(problem, made.checked, theta)
         errors["validation_least_squares"] = _validated(problem, made.checked, least)
     errors["force"] = problem.forces(theta)
+    if problem.whole is not None:
+        own = replace(problem, whole=None).forces(theta)
+        errors["alone"] = held_out * errors["force"] / np.where(own > 0, own, np.nan)
     if robot.jointed:
         base = len(made.velocities) - len(robot.joints)  # velocities without a motor, if it floats
         errors["noise"] = np.append(np.zeros(base), _command_noise(recordings, made.cutoff))

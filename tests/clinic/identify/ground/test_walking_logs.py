@@ -44,6 +44,19 @@ def test_the_free_joint_is_kept_on_request(log: Walked) -> None:
     assert not any(finding.code == "base_held" for finding in robot.findings)
 
 
+def test_the_root_of_a_urdf_floats_beside_the_joints_that_move(tmp_path: Path) -> None:
+    file = tmp_path / "hopper.urdf"
+    link = '<link name="{}"><inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" '
+    link += 'ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    joint = '<joint name="knee" type="revolute"><parent link="trunk"/><child link="foot"/>'
+    joint += '<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="9" velocity="9"/></joint>'
+    links = link.format("trunk") + link.format("foot")
+    file.write_text(f'<robot name="hopper">{links}{joint}</robot>')
+    robot = floating(load_robot_model(str(file)))
+    assert robot.floating and robot.joints == ("knee",)
+    assert robot.system.n == BASE + 1
+
+
 def test_a_fixed_base_cannot_float(tmp_path: Path) -> None:
     file = tmp_path / "arm.xml"
     file.write_text(
