@@ -169,7 +169,7 @@ def estimated(
     slope = np.einsum("nia,ni->a", C, weight * residual)
     at = [k for k, entry in enumerate(entries) if entry.kind == "force"]
     if at:
-        up, excess = _at_rest(rows)
+        up, excess = at_rest(rows)
         S[np.ix_(at, at)] += np.outer(up, up) / _WEIGHT**2
         slope[at] -= up * excess / _WEIGHT**2
     covariance = np.linalg.inv(0.5 * (S + S.T))
@@ -186,7 +186,7 @@ def estimated(
     return Offsets(entries, value, np.sqrt(np.diag(remaining)), changes)
 
 
-def _at_rest(rows: GroundRows) -> tuple[Array, float]:
+def at_rest(rows: GroundRows) -> tuple[Array, float]:
     """(3,) the mean upward direction in the IMU's axes, and the bias along it [m/s²].
 
     A robot that neither falls nor flies away has no mean acceleration, so that its mean upward

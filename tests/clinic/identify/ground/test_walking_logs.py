@@ -1,5 +1,6 @@
 """Identification of robots that stand and walk, from logs of joints and IMU."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from nsaid_mj.base import NsaidError
 from nsaid_mj.clinic.identify.ground.feet import feet_of, imu_pose
+from nsaid_mj.clinic.identify.ground.offsets import at_rest
 from nsaid_mj.clinic.identify.ground.rows import BASE, Ground, GroundRows
 from nsaid_mj.clinic.identify.ground.search import expected_gains, filter_of
 from nsaid_mj.clinic.identify.identify import identify_forces, recordings_of
@@ -151,6 +153,13 @@ def test_the_true_robot_leaves_no_residual_whatever_the_feet_do(rows: GroundRows
     effort = problem.actuation(theta)[used, :BASE].std(axis=0)
     moved = effort > 0.02 * effort.max()
     assert (left[moved] < 0.2 * effort[moved]).all()
+
+
+def test_the_mean_upward_specific_force_tells_the_accelerometers_bias(rows: GroundRows) -> None:
+    up, excess = at_rest(rows)
+    assert abs(excess) < 0.02
+    biased = rows.like(ground=replace(rows.ground, force=np.array([0.0, 0.0, 0.3])))
+    assert at_rest(biased)[1] - excess == pytest.approx(-0.3 * up[2])
 
 
 def test_gains_in_unknown_units_are_guessed_from_the_weight(rows: GroundRows) -> None:
