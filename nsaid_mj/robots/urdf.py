@@ -77,10 +77,11 @@ def load_urdf(
     whole = _pinocchio(path, xml := etree.tostring(root, encoding="unicode"), floating)
     names = [name for name in list(whole.names)[1:] if name not in followers]
     held = followers.keys() & set(lock)
-    locked = held | locked_joints(names, [name for name in lock if name not in held], joints)
+    jointed = names[1:] if floating else names  # the root's own joint is none of the file
+    locked = held | locked_joints(jointed, [name for name in lock if name not in held], joints)
     still = {name for name, law in followers.items() if law.leader not in set(names) - locked}
     q = _configuration(whole, followers)
-    may_float = names[1:] if floating else names
+    may_float = jointed
     if base is not None:
         may_float = [] if floating else names[:1]
     bases = {n for n in may_float if whole.joints[whole.getJointId(n)].nv == 6} - locked

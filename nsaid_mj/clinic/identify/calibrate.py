@@ -186,7 +186,7 @@ def _identification(
     gain_spread = problem.spread[problem.space.actuators]
     stated = bool((gain_spread < TRUSTED).all())
     scale = common_scale(problem, exact, fit.theta, stated, robot.weightless, known)
-    if not robot.jointed:  # carries no load that one of two logs lacks
+    if not robot.jointed or robot.floating:  # carries no load that one of two logs lacks
         scale = scale._replace(remedy=scale.remedy.replace(_BY_LOAD, _BY_KNOWN))
     found = [*found, *idle_values(problem, scale, of_parameters(robot, known))]
     explains, sentence = verdict(joints, found, scale, robot.held)
@@ -241,9 +241,13 @@ def _joints(
         errors["validation"] = _validated(problem, made.checked, theta)
         errors["validation_least_squares"] = _validated(problem, made.checked, least)
     errors["force"] = problem.forces(theta)
+    if problem.whole is not None:
+        own = replace(problem, whole=None).forces(theta)
+        errors["alone"] = held_out * errors["force"] / np.where(own > 0, own, np.nan)
     if robot.jointed:
-        errors["noise"] = _command_noise(recordings, made.cutoff)
-        errors["limit"] = np.abs(robot.gain) * robot.limits
+        base = len(made.velocities) - len(robot.joints)  # velocities without a motor, if it floats
+        errors["noise"] = np.append(np.zeros(base), _command_noise(recordings, made.cutoff))
+        errors["limit"] = np.append(np.full(base, np.inf), np.abs(robot.gain) * robot.limits)
     units = ["N" if unit.startswith("m") else "N·m" for unit in robot.system.velocity_units]
     return tuple(
         replace(velocity, unit=unit, **{key: float(values[j]) for key, values in errors.items()})

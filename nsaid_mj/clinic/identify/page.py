@@ -55,6 +55,11 @@ _COLUMNS = (
     "Columns are kinds of friction; Coulomb friction is proportional to tanh(velocity / friction "
     "speed)."
 )
+_SWING = (
+    " Rows of a leg's joints are those of its swing; their errors are relative to the command "
+    "along the whole log. Where they are large beside the small commands of swing, a joint has no "
+    "mark: what its motor does in stance is judged by the rows of the base."
+)
 _FILTERED = (
     "Both are low-pass filtered at {} Hz like the rows of the fit. Shaded: not used, since the {} "
     "is at rest or an actuator saturated, or the data have an outlier or a gap."
@@ -146,7 +151,10 @@ def _sections(result: Identification, draw: Draw) -> list[Section]:
             "Does the model explain the log?",
             [
                 _quality(result),
-                Text(f"{_NRMSE}{_COLUMNS if arm else ''}", note=True),
+                Text(
+                    f"{_NRMSE}{_COLUMNS if arm else ''}{_SWING if result.robot.floating else ''}",
+                    note=True,
+                ),
             ],
             brief=True,
         ),
@@ -213,7 +221,7 @@ def _quality(result: Identification) -> Table:
     if len(kept) > _LINES:
         kept.sort(key=lambda j: -j.held_out if math.isfinite(j.held_out) else -math.inf)
     for j in kept:
-        line: list[Cell] = [j.name, wording.nrmse(j.fit), wording.quality(j.held_out)]
+        line: list[Cell] = [j.name, wording.nrmse(j.fit), wording.quality(j.held_out, j.alone)]
         line.append(wording.nrmse(j.least_squares))
         if checked:
             line += [wording.nrmse(j.validation), wording.nrmse(j.validation_least_squares)]
@@ -246,6 +254,8 @@ def _kinds(result: Identification) -> list[PageItem]:
         return []
     lines: list[list[Cell]] = []
     for name in names:
+        if not any(name in members for members in kinds.values()):
+            continue  # a velocity of a base that floats
         cells: list[Cell] = [name]
         for members in kinds.values():
             p = members.get(name)

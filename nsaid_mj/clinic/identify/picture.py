@@ -40,7 +40,7 @@ def picture(result: Identification) -> PageFigure | None:
         return None
     names = list(result.robot.joints)
     joints = flat[: len(names), 0]
-    marks = {j.name: wording.quality(j.held_out).kind for j in result.joints}
+    marks = {j.name: wording.quality(j.held_out, j.alone).kind for j in result.joints}
     with style():
         figure = Figure(figsize=(WIDTH, max(3.0, 0.09 * len(names) + 1)))
         axis = figure.add_axes((0.0, 0.0, 1.0, 1.0))

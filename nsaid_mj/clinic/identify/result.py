@@ -58,6 +58,9 @@ class JointStructure:
     delay_interval: tuple[float, float] | None = None  # its 95 % interval [s]; None if it was given
     force: float = np.nan  # the forces' standard deviation [`unit`], with which errors are compared
     unit: str = "N·m"  # or N
+    # the held-out error over the forces of its own rows, where these are of a part in which its
+    # motor does little, as of a leg in swing; NaN for others
+    alone: float = np.nan
     limit: float = np.inf  # largest force of its motor in the model file [`unit`]
     noise: float = 0.0  # NRMSE that white noise of the command makes on its own; 0 if not known
 

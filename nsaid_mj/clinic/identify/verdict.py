@@ -113,6 +113,8 @@ def _of_predictions(joints: Sequence[JointStructure], arm: bool) -> tuple[Explai
     """Whether held-out parts and the validation log are predicted, with the figures."""
     of = "joints" if arm else "velocities"
     joints = [j for j in joints if np.isfinite(j.held_out)]
+    # errors small only beside commands of other parts of the log show nothing
+    joints = [j for j in joints if not j.held_out < _GOOD <= j.alone] or joints
     if not joints:
         return "no", "No part of the log could be predicted from the others: it is too short."
     held_out = np.array([j.held_out for j in joints])

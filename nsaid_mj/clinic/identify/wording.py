@@ -15,10 +15,14 @@ def nrmse(value: float | None) -> str:
     return statistic(None if value is None or not math.isfinite(value) else value, "%")
 
 
-def quality(held_out: float) -> Mark:
-    """A joint's held-out NRMSE with its mark; a weak one without a glyph if it was not judged."""
-    if not math.isfinite(held_out):
-        return Mark("", "weak", nrmse(None))
+def quality(held_out: float, alone: float = math.nan) -> Mark:
+    """A joint's held-out NRMSE with its mark; a weak one without a glyph if it was not judged.
+
+    It is not where the error is small only beside commands of other parts of the log; `alone` is
+    that beside the commands of its own rows.
+    """
+    if not math.isfinite(held_out) or held_out < 0.2 <= alone:
+        return Mark("", "weak", nrmse(held_out if math.isfinite(held_out) else None))
     mark = EXPLAINS["yes" if held_out < 0.2 else "partly" if held_out < 0.5 else "no"]
     return mark._replace(text=nrmse(held_out))
 

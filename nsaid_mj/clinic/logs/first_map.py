@@ -8,7 +8,8 @@ import numpy as np
 from ...core import Array
 from ...robots import RobotModel
 from .evidence import limits
-from .mapping import FACTORS, Quantity, of_name
+from .imu import imu_columns
+from .mapping import FACTORS, Map, Quantity, of_name
 from .matching import candidates, match_targets, named, set_points, words
 from .tables import LogTable, channel_names, values_of
 
@@ -53,6 +54,23 @@ _PD = """
 [pd]
 # kp = 20   # [N·m/rad or N/m]; one number, a list in the order of the joints, or { joint = … }
 # kd = 1.5  # [N·m·s/rad or N·s/m]
+"""
+
+_ORDER = '# order = "wxyz"  # or xyzw, of the quaternion; left out: found by gravity\n'
+_MOUNTED = """\
+# site = "imu"  # where it sits in the model; or place = [x, y, z] in the base's frame [m]
+"""
+_IMU_UNKNOWN = """
+# The robot may walk, if the log has the IMU of its base:
+# [base]
+# orientation = ["…", "…", "…", "…"]
+# gyro = ["…", "…", "…"]
+# accelerometer = ["…", "…", "…"]
+"""
+_FEET = """
+# [contacts]  # of a robot that walks; left out: feet are found in the model file
+# feet = ["…"]  # geoms, sites or links
+# radius = 0.02  # of round feet [m]
 """
 
 _AXES = """\
@@ -139,7 +157,28 @@ def first_map(tables: Sequence[LogTable], robot: RobotModel) -> str:
                     "feedforward": set_points("command", names, own),
                 }
             parts += [_joint(joint, found, more) for joint in own]
+    if robot.walks:
+        parts.append(_on_ground(names))
     return "".join(parts)
+
+
+def _on_ground(channels: Sequence[str]) -> str:
+    """The IMU of a robot that walks, as names tell it, and its feet."""
+    found = imu_columns(Map(), channels, True)
+    if found is None:
+        return _IMU_UNKNOWN + _FEET
+    imu = found.stated
+    lines = ["\n[base]  # the IMU of the base that moves\n"]
+    for key in ("orientation", "gyro", "accelerometer"):
+        columns = getattr(imu, key)
+        if columns is not None:
+            lines.append(f"{key} = {json.dumps(list(columns), ensure_ascii=False)}\n")
+        else:
+            lines.append(
+                f'# {key} = ["…", "…", "…"]  # specific force, 9.81 m/s² upwards at rest\n'
+            )
+    lines.append(_ORDER if imu.order is None else f'order = "{imu.order}"  # of the quaternion\n')
+    return "".join(lines) + _MOUNTED + _FEET
 
 
 def _servos(

@@ -25,6 +25,9 @@ from .tables import LogTable, values_of
 GRAVITY = 9.81
 """Of the models [m/s²]."""
 
+IMU_ROLES = ("orientation",) * 4 + ("angular velocity",) * 3 + ("specific force",) * 3
+"""What the columns of an IMU are, in order."""
+
 _KINDS: Mapping[str, tuple[frozenset[str], ...]] = {
     "orientation": tuple(map(frozenset, (["quaternion"], ["quat"], ["orientation"]))),
     "gyro": tuple(

@@ -74,6 +74,13 @@ ADD_PD = (
 )
 
 
+_NO_TARGETS = (
+    "With `[pd]` commands are position targets, and no channels are named as such (`q_des_1`, "
+    "`elbow_target`). Name the target of every joint in map.toml: `[joints.elbow]`, `position = "
+    '{ column = "…" }`, `command = { column = "…" }`.'
+)
+
+
 def match(
     channels: Sequence[str],
     joints: Sequence[str],
@@ -106,7 +113,11 @@ def match(
             missing.append(f"the {_NAMES[quantity]} of every joint")
             idle = passive if quantity == "command" else ()
             own = [joint for joint in joints if joint not in idle]
-            reasons.append(_lacking(quantity, channels, own))
+            if quantity == "command" and under_pd:
+                missing[-1] = "the position target of every joint"
+                reasons.append(_NO_TARGETS)
+            else:
+                reasons.append(_lacking(quantity, channels, own))
             if quantity == "command" and targets and not under_pd:
                 first = next(iter(targets.values()))
                 reasons.append(f"There are position targets ({first} …). {ADD_PD}")

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from nsaid_mj.clinic.identify import wording
 from nsaid_mj.clinic.identify.calibrate import _command_noise
 from nsaid_mj.clinic.identify.identifiability import _positive
 from nsaid_mj.clinic.identify.result import JointStructure
@@ -41,6 +42,14 @@ def test_an_error_of_most_of_a_motors_force_does_not_explain():
     """0.3 N·m of a motor that has 0.4: the scale of the forces cannot be right either."""
     assert verdict([joint(held_out=0.15, limit=0.4)])[0] == "partly"
     assert verdict([joint(held_out=0.15, limit=4.0)])[0] == "yes"
+
+
+def test_a_leg_in_swing_shows_nothing_where_only_stance_makes_its_error_small():
+    small = joint("knee", 0.05, alone=0.27)
+    assert wording.quality(small.held_out, small.alone).kind == "weak"
+    assert wording.quality(0.05, 0.1).kind == wording.quality(0.05).kind != "weak"
+    explains, sentence = verdict([joint("a", 0.3), joint("b", 0.1), small])
+    assert explains == "partly" and "1 of 2" in sentence
 
 
 def test_only_white_noise_of_a_command_counts():

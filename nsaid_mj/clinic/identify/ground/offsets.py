@@ -17,10 +17,12 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ....base import Finding, pin
 from ....core import Array, ContactPoint, contact_jacobians
 from ....lab import INTERVAL
+from ...logs.imu import GRAVITY
 from ..fit import ConePrior
 from ..problem import FitProblem, mean_squares
 from .rows import Ground, GroundRows
@@ -59,6 +61,8 @@ _TOGETHER = 3e-4
 _UNSEEN = 1.5e-3
 # standard deviations of the mean error of all feet along an axis [m]: as it is estimated, since
 # friction that differs from tanh(v/s) imitates it, and as it is allowed for
+_WEIGHT = 0.02
+# standard deviation of the mean upward specific force [m/s²], from velocities at the log's ends
 _TOLD = 6e-3  # of a foot, from which it is told [m]
 
 
@@ -164,8 +168,14 @@ def estimated(
     S = np.einsum("nia,nib->ab", C, weight[:, :, None] * C)
     S += np.linalg.inv(_covariance(entries, usual, _TOGETHER))
     S -= B.T @ followed
+    slope = np.einsum("nia,ni->a", C, weight * residual)
+    at = [k for k, entry in enumerate(entries) if entry.kind == "force"]
+    if at:
+        up, excess = at_rest(rows)
+        S[np.ix_(at, at)] += np.outer(up, up) / _WEIGHT**2
+        slope[at] -= up * excess / _WEIGHT**2
     covariance = np.linalg.inv(0.5 * (S + S.T))
-    found = -covariance @ np.einsum("nia,ni->a", C, weight * residual)
+    found = -covariance @ slope
     deviation = np.sqrt(np.diag(covariance))
     value = np.zeros(len(entries))
     for name, least in _LARGE.items():
@@ -176,6 +186,18 @@ def estimated(
     remaining += np.diag(deviation**2)
     changes = -(followed @ np.linalg.cholesky(remaining)).T
     return Offsets(entries, value, np.sqrt(np.diag(remaining)), changes)
+
+
+def at_rest(rows: GroundRows) -> tuple[Array, float]:
+    """(3,) the mean upward direction in the IMU's axes, and the bias along it [m/s²].
+
+    A robot that neither falls nor flies away has no mean acceleration, so that its mean upward
+    specific force is gravity, whatever its masses are.
+    """
+    readings = np.concatenate([s.imu for s in rows.segments if s.imu is not None])
+    up = Rotation.from_quat(readings[:, :4]).as_matrix()[:, 2]
+    force = readings[:, 7:10] - rows.ground.force
+    return up.mean(axis=0), float(np.mean(np.sum(up * force, axis=1))) - GRAVITY
 
 
 def _covariance(entries: Sequence[Entry], deviation: Array, together: float) -> Array:

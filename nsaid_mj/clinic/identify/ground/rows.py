@@ -39,7 +39,7 @@ from ..joints import FILE, TRUSTED
 from ..links import file_links, link_blocks
 from ..problem import FitProblem, Mask, Size
 from ..rows import Rows, unrolled, with_columns
-from ..smoothing import Filter, Smooth, delayed, fed_back, slope, smooth_commands
+from ..smoothing import Filter, Smooth, delayed, slope, smooth_commands
 
 BASE = 6
 """Velocities of the base, before those of the joints."""
@@ -49,6 +49,8 @@ _FEW = 50  # rows of a velocity below which its parameters could make them all 0
 _WIDE = 2.0  # standard deviation of log θ of frictions and rotors: a factor of 7
 FRICTIONS = ("rotor", "viscous", "coulomb")
 """Columns of every joint."""
+CONTROLLED = "controller's damping"
+"""What viscous friction contains of motors under a PD law: no motion tells the two apart."""
 _WEIGHED = 0.002  # standard deviation of the logarithm of a weighed robot's mass
 
 
@@ -67,9 +69,8 @@ class Ground:
 class GroundRows(Rows):
     """All columns of a walking robot's segments, without contact forces, filtered once.
 
-    `speed` is the index of s of tanh(v/s) in `SPEEDS`.
-
     Attributes:
+        speed: index of s of tanh(v/s) in `SPEEDS`.
         gain: (k,) expected gains.
         spread: (k,) standard deviations of their logarithms.
         system: the robot's, base first, with an angle as the position of every joint.
@@ -116,16 +117,15 @@ class GroundRows(Rows):
         self,
         recordings: Recordings | None = None,
         ground: Ground | None = None,
-        speed: int | None = None,
         chosen: Filter | None = None,
     ) -> GroundRows:
-        """The rows of other recordings, another filter or friction, or other assumptions."""
+        """The rows of other recordings, another filter, or other assumptions."""
         other = GroundRows(
             self.robot,
             recordings or self.recordings,
             chosen or self.chosen,
             ground or self.ground,
-            self.speed if speed is None else speed,
+            self.speed,
         )
         other.expect(self.gain, self.spread)
         other.usable[:, :BASE] &= self.usable[:, :BASE].any()
@@ -185,6 +185,9 @@ class GroundRows(Rows):
         for name in FRICTIONS:
             column = COLUMNS[name]
             kinds = [self._slides(j) for j in range(len(joints))]
+            said = column.block
+            if name == "viscous" and self.recordings.feedback is not None:
+                said = f"{CONTROLLED} and {said}"
             blocks.append(
                 Block(
                     column.block,
@@ -192,7 +195,7 @@ class GroundRows(Rows):
                     tuple(column.unit[kind] for kind in kinds),
                     self._guess(name),
                     "positive",
-                    labels=tuple(f"{column.block} of {joint}" for joint in joints),
+                    labels=tuple(f"{said} of {joint}" for joint in joints),
                 )
             )
         units = self.recordings.command_units
@@ -222,7 +225,11 @@ class GroundRows(Rows):
         force = np.sqrt(np.mean(u**2, axis=0))
         guess = COLUMNS[name].share * force / np.maximum(np.sqrt(np.mean(moved**2, axis=0)), 1e-9)
         guess = np.maximum(guess, 1e-9)
-        return np.where(given > 0, np.minimum(given, guess / COLUMNS[name].share), guess)
+        found = np.where(given > 0, np.minimum(given, guess / COLUMNS[name].share), guess)
+        law = self.recordings.feedback
+        if name == "viscous" and law is not None:
+            found = found + law[1] * self.gain
+        return found
 
     def _slides(self, joint: int) -> bool:
         return slides(self.robot.model.joints[joint + 2])
@@ -244,14 +251,18 @@ class GroundRows(Rows):
         joints = range(len(self.robot.joints))
         return [Rotor(BASE + j, self.space.index(f"{letter}_{j + 1}")) for j in joints]
 
-    def acting(self, number: int, delay: Array) -> Array:
-        """(M, k) unfiltered commands of a motion, late by (k,) seconds."""
+    def acting(self, number: int, delay: Array, lag: float = 0.0) -> Array:
+        """(M, k) unfiltered commands of a motion, late by (k,) seconds.
+
+        Of a PD law the measured motion acts late by `lag` [s].
+        """
         segment, curve = self._commands[number]
         u = delayed(segment, self.chosen, curve, delay)
         motion = self.motions[number]
         law = self.recordings.feedback
-        if law is not None:
-            u = u - fed_back(law, motion.q[:, BASE + 1 :], motion.v[:, BASE:])
+        if law is not None:  # its damping is part of viscous friction
+            earlier = motion.q[:, BASE + 1 :] - lag * motion.v[:, BASE:]
+            u = u - law[0] * earlier + lag * law[1] * motion.a[:, BASE:]
         return u * np.sign(self.robot.gain)
 
     def commands(self, delay: Array) -> Array:
@@ -260,17 +271,32 @@ class GroundRows(Rows):
             [self.chosen.rows(self.acting(k, delay)) for k in range(len(self.motions))]
         )
 
-    def problem(self, delay: Array) -> FitProblem:
-        """The fit with commands that act late by (k,) seconds."""
+    def problem(
+        self, delay: Array, speed: int | None = None, lead: float = 0.0, lag: float = 0.0
+    ) -> FitProblem:
+        """The fit with commands that act late by (k,) seconds; `lag` is that of `acting`.
+
+        Coulomb friction is proportional to tanh((v + `lead` · v̇)/s), with s of index `speed` in
+        `SPEEDS`; None for that of the rows.
+        """
         space = self.space
         at = space.actuators
+        rubbed = [
+            space.index(f"{COLUMNS['coulomb'].letter}_{j + 1}") for j in range(len(self.gain))
+        ]
+        s = SPEEDS[self.speed if speed is None else speed]
         Y = self.fixed.copy()
         acting = []
+        rubbing = []
         for number, each in enumerate(self.eliminated):
-            u = self.acting(number, delay)[:, self.driven]
+            u = self.acting(number, delay, lag)[:, self.driven]
             own = each.E[:, :, [BASE + j for j in self.driven]]
             acting.append(self.chosen.rows(-own * u[:, None, :]))
+            motion = self.motions[number]
+            sign = np.tanh((motion.v + lead * motion.a)[:, BASE:] / s)
+            rubbing.append(self.chosen.rows(each.E[:, :, BASE:] * sign[:, None, :]))
         Y[:, :, at] = np.concatenate(acting)
+        Y[:, :, rubbed] = np.concatenate(rubbing)
         own = file_links(self.robot.model)
         frictions = np.concatenate([self._guess(name) for name in FRICTIONS])
         prior = np.concatenate([own, frictions, self.gain[self.driven]])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import scipy
@@ -34,9 +35,14 @@ _CUTOFF = 20.0  # of the rows [Hz]: the steps of a gait
 _FAST = 200.0  # at which regressors are computed, at least [Hz]: contact forces jump
 _ROWS = 2.5  # rows per second over the cut-off: more hold nothing new
 _MOST_ROWS = 6000.0  # of all logs
-_SPEED = 4  # index of s of tanh(v/s): 0.05 rad/s
+_SPEED = 4  # index of the first s of tanh(v/s): 0.05 rad/s
+_LEAD = 0.01
+# by which dry friction may turn before the velocity does [s]: MuJoCo's `frictionloss` stops a joint
+# by v̇ = −v/_LEAD with its default `solreffriction`, so that its force imitates rotor inertia
+_LAG = 1e-3  # by which a PD law may act late on the measured motion [s]: a loop at 1 kHz
 _STEP = 0.006  # between first trial delays [s]
 _REACH = 0.06  # largest delay [s]
+_DOUBTED = 5e-3  # standard deviation of a delay that is not sought [s]
 
 
 def structured_ground(
@@ -65,19 +71,24 @@ def structured_ground(
     report("finding which legs swing")
     seen = _stance(rows, fit, delay)
     rows = rows.like(ground=replace(rows.ground, touching=seen.touching))
-    findings = [said, where, *_swing(rows, seen)]
+    findings = [said, where, *_swing(rows, seen), *_damping(rows)]
     if recordings.imu.accelerometer is None:
         rows.usable[:, :BASE] = False
         text = "without an accelerometer the balance of the whole robot is not known, only that of "
-        text += "legs in swing: ratios of gains are ten times less certain"
+        text += "legs in swing: ratios of gains are ten times less certain, and no delay of the "
+        text += "commands is sought"
         remedy = "Log the IMU's specific force, too."
         findings.append(Finding("warning", "no_accelerometer", "base", text, remedy))
+    report("finding the speed of friction")
+    rows.speed = _speed(rows, fit.theta, delay)
     report("comparing IMU and joints")
     rows, fit, offsets = _allowed(rows, fit, delay)
     findings += offsets.findings([foot.name for foot in feet])
     interval = None
     others: list[float] = []
-    if options.delay is None:
+    if options.delay is None and recordings.imu.accelerometer is None:
+        others = [_DOUBTED]
+    elif options.delay is None:
         report("finding the commands' delay")
         common, deviation = _delay(rows, fit.theta)
         delay = np.full(k, common)
@@ -187,6 +198,32 @@ def _swing(rows: GroundRows, seen: Stance) -> Iterator[Finding]:
 _RARE = 0.01  # share of swing below which a foot counts as never released
 
 
+def _speed(rows: GroundRows, theta: Array, delay: Array) -> int:
+    """The index in `SPEEDS` of the friction speed with the least cost, common to all joints."""
+    share = inflation(rows.problem(delay), theta)
+
+    @cache
+    def cost(speed: int) -> float:
+        problem = rows.problem(delay, speed)
+        return minimise(problem, tempered(problem, share), theta).cost
+
+    best = rows.speed
+    while True:
+        near = min((best, *{max(best - 1, 0), min(best + 1, len(SPEEDS) - 1)}), key=cost)
+        if near == best:
+            return best
+        best = near
+
+
+def _damping(rows: GroundRows) -> Iterator[Finding]:
+    """Where the damping of a PD law is: no motion tells it from viscous friction."""
+    if rows.recordings.feedback is not None:
+        text = "viscous friction below contains the damping of the motors' PD law: only their sum "
+        text += "acts on the motion, and kd of a controller is seldom exact. So the exported "
+        text += "model's motors need kp (target − position) alone"
+        yield Finding("note", "damping", "", text)
+
+
 def _delay(rows: GroundRows, theta: Array) -> tuple[float, float]:
     """The common delay of the commands with the least cost, and its standard deviation [s]."""
     k = len(rows.robot.joints)
@@ -231,10 +268,13 @@ def _structures(
 
 
 def _alternatives(rows: GroundRows, delay: Array, others: Sequence[float]) -> Iterator[FitProblem]:
-    """Other plausible problems: another delay, friction speed and cut-off."""
+    """Other plausible problems: another delay, friction speed or phase, and cut-off."""
     for other in others:
         yield rows.problem(np.full(len(delay), other))
-    for speed in (rows.speed - 2, rows.speed + 2):
-        yield rows.like(speed=speed).problem(delay)
+    for speed in {max(rows.speed - 2, 0), min(rows.speed + 2, len(SPEEDS) - 1)} - {rows.speed}:
+        yield rows.problem(delay, speed)
+    yield rows.problem(delay, lead=_LEAD)
+    if rows.recordings.feedback is not None:
+        yield rows.problem(delay, lag=_LAG)
     chosen = filter_of(rows.recordings, NARROWER * rows.chosen.cutoff)
     yield rows.like(chosen=chosen).problem(delay)
