@@ -162,21 +162,18 @@ def test_the_newcomers_path_leads_to_a_calibrated_robot(
         assert gains == pytest.approx(true_gains * 0.72 / true_gains[0], rel=0.03)
 
 
-def test_the_readmes_scenario_example_records_a_run(workplace: Path) -> None:
-    names = execute(example_with("Scenario("))
+def test_every_python_block_of_the_readme_is_run_here() -> None:
+    assert len(blocks(README, "python")) == 1
+
+
+def test_the_scenario_of_the_usage_page_runs_from_python(workplace: Path) -> None:
+    script, more = blocks(ROOT / "docs" / "usage.md", "python")
+    names = execute(script + more)
+    assert isinstance(names["scenario"], Scenario)
     theta_hat = np.asarray(names["theta_hat"])
     assert theta_hat.shape == (2001, 84)
     assert np.isfinite(theta_hat).all() and (theta_hat[0] != theta_hat[-1]).any()
     assert (workplace / "runs" / "ur5-from-python" / "record.arrow").is_file()
-
-
-def test_every_python_block_of_the_readme_is_run_here() -> None:
-    assert len(blocks(README, "python")) == 2
-
-
-def test_the_scenario_script_of_the_usage_page_defines_a_scenario() -> None:
-    (script,) = blocks(ROOT / "docs" / "usage.md", "python")
-    assert isinstance(execute(script)["scenario"], Scenario)
 
 
 # -- commands ----------------------------------------------------------------------------------
