@@ -35,7 +35,7 @@ from nsaid_mj.cli import commands as cli
 from nsaid_mj.core.log import Log
 from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.loop import SimulatedRun, run
-from nsaid_mj.lab.recording.forces import Arrows, body_forces
+from nsaid_mj.lab.recording.forces import Arrows, body_forces, mounts_of
 from nsaid_mj.lab.recording.viewer import LOCAL, free_port, listening, program
 from nsaid_mj.report.recording.scene import EYE, base_poses
 from nsaid_mj.robots.assets import scenarios
@@ -64,7 +64,13 @@ MENU = 33  # height of the viewer's own menu, which is cropped [pixels]
 CLOSE, CLOSE_SIZE = (300, 100, 1300, 850), (1024, 640)
 DESKTOP, PHONE = (1280, 2300), (390, 1900)  # sizes of a report's pictures [pixels]
 SHEETS = 6  # of a printed report that are shown, at most
-ROBOT = ("Forces", "Inertia", "Robot", "Torques")  # what the title of the robot's view begins with
+ROBOT = (
+    "Contact",
+    "Forces",
+    "Inertia",
+    "Robot",
+    "Torques",
+)  # what the title of the robot's view begins with
 DRAWN = 1.0  # time for the viewer to redraw [s]
 LARGEST = 300_000  # size of a picture [bytes]
 PATIENCE = 60.0  # timeout of the viewer [s]
@@ -166,9 +172,9 @@ def best_moment(result: SimulatedRun) -> float:
     t = record["t"]
     k = np.unique(np.linspace(0.4, 0.6, 2000) * (len(t) - 1)).astype(int)
     rows = Log.unchecked(*(record[column][k] for column in Log._fields))
-    arrows = Arrows.of(system, 1.0, rows, truth)
-    if arrows is None:
+    if not mounts_of(system):
         return float(t[len(t) // 2])
+    arrows = Arrows(system, 1.0, rows, truth)
     places, attitudes = base_poses(system, rows.q)
     turn = Rotation.from_quat(attitudes)
     eye = turn.inv().apply(EYE)[:, None]  # in the vehicle's axes
