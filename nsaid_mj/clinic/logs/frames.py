@@ -482,8 +482,12 @@ def _balance(robot: RobotModel, q: Array, v: Array, u: Array, recordings: Record
     parts = np.stack([signals.low_pass(F, cut) for F in np.moveaxis(W * robot.prior, 2, 0)], axis=2)
     units = np.array(system.velocity_units[measured])
     alike = (units[:, None] == units).astype(float)  # velocities of one unit share a size
-    size = np.sqrt(alike @ np.mean(parts[:, :, acting].sum(axis=2) ** 2, axis=0))
-    share = _shares(parts / np.maximum(size[:, None], 1e-300))
+    driven, whole = (
+        np.sqrt(alike @ np.mean(part.sum(axis=2) ** 2, axis=0))
+        for part in (parts[:, :, acting], parts)
+    )
+    size = np.where(driven > 0, driven, np.where(whole > 0, whole, 1.0))  # 0 without actuators
+    share = _shares(parts / size[:, None])
     forces = [parts[:, :, own] @ share[own] for own in (acting, ~acting)]
     size = np.sqrt(alike @ sum(np.mean(x**2, axis=0) for x in forces))
     error = np.sqrt(np.mean((forces[0] + forces[1]) ** 2, axis=0)) / np.maximum(size, 1e-300)
