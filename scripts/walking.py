@@ -48,7 +48,7 @@ def judged(found: Identification, walk: Walked) -> dict[str, Any]:
     }
     for block, name in BLOCKS.items():
         pairs = zip(found.of(block), walk.truth[name], strict=True)
-        line[name] = sum(p.low <= true <= p.high for p, true in pairs)
+        line[name] = sum(bool(p.low <= true <= p.high) for p, true in pairs)
         line["of"] = len(gains)
     return line
 

@@ -148,8 +148,8 @@ def _judged(
     """
     held_out = np.array([joint.held_out for joint in joints])
     found = []
-    fitted_ones = fitted.problem.usable.any(axis=0)
-    for joint, used in zip(joints, fitted_ones, strict=True):
+    fitted_ones = np.atleast_1d(fitted.problem.usable.any(axis=0))
+    for joint, used in zip(joints, fitted_ones.tolist(), strict=True):
         if not arm and used and np.isnan(joint.held_out):
             text = "no actuator drives it and it hardly moves, so its prediction is not judged"
             remedy = "Record a motion that accelerates it."

@@ -78,7 +78,7 @@ def imu_columns(mapping: Map, channels: Sequence[str], walks: bool) -> ImuColumn
 
 def _sources(imu: Imu, channels: Sequence[str]) -> tuple[ChannelSource, ...]:
     readings: tuple[tuple[Quantity, int], ...] = (("position", 4), ("velocity", 3), ("command", 3))
-    kinds = [quantity for quantity, count in readings for _ in range(count)]
+    kinds: list[Quantity] = [quantity for quantity, count in readings for _ in range(count)]
     found = []
     for quantity, name in zip(kinds, imu.columns, strict=False):
         turned = name.startswith("-") and name not in channels

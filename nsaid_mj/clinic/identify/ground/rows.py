@@ -337,11 +337,10 @@ def smooth_ground(ground: Ground, segment: LogSegment, chosen: Filter) -> Smooth
     down = -GRAVITY * Rotation.from_quat(quaternion).as_matrix()[:, 2]
     none = np.zeros_like(force)
     q = np.hstack([none, quaternion, joints])
-    v = np.hstack([none, spin, rates])
-    a = np.hstack([force + down, spun, slope(log.t, rates)])
-    usable = np.repeat(segment.usable.all(axis=1)[:, None], v.shape[1], axis=1)
-    parts = (np.asarray(part[pick], dtype=np.float64) for part in (log.t, q, v, a))
-    return Smooth(*parts, usable[pick])
+    v = np.asarray(np.hstack([none, spin, rates]), dtype=np.float64)
+    a = np.asarray(np.hstack([force + down, spun, slope(log.t, rates)]), dtype=np.float64)
+    usable = np.repeat(np.all(segment.usable, axis=1, keepdims=True), v.shape[1], axis=1)
+    return Smooth(log.t[pick], q[pick], v[pick], a[pick], usable[pick])
 
 
 def total_mass(robot: RobotModel, p: int) -> Array:

@@ -174,8 +174,7 @@ class FilterWorkspace(NamedTuple):
         )
         work, slopes = memory_of(structure, n)
         arrays = (np.zeros(size) for size in sizes)
-        parts = (work, slopes, *arrays, Touch.of(c, n))
-        return FilterWorkspace(*parts)
+        return FilterWorkspace._make([work, slopes, *arrays, Touch.of(c, n)])
 
 
 _OWN = threading.local()  # workspace of each thread
