@@ -336,7 +336,7 @@ def smooth_ground(ground: Ground, segment: LogSegment, chosen: Filter) -> Smooth
     quaternion /= np.linalg.norm(quaternion, axis=1)[:, None]
     down = -GRAVITY * Rotation.from_quat(quaternion).as_matrix()[:, 2]
     none = np.zeros_like(force)
-    q = np.hstack([none, quaternion, joints])
+    q = np.asarray(np.hstack([none, quaternion, joints]), dtype=np.float64)
     v = np.asarray(np.hstack([none, spin, rates]), dtype=np.float64)
     a = np.asarray(np.hstack([force + down, spun, slope(log.t, rates)]), dtype=np.float64)
     usable = np.repeat(np.all(segment.usable, axis=1, keepdims=True), v.shape[1], axis=1)
