@@ -185,7 +185,6 @@ def test_a_site_on_a_leg_is_no_place_of_the_imu(rows: GroundRows) -> None:
         imu_pose(rows.robot, Imu(imu.orientation, imu.gyro, imu.accelerometer, site="left_foot"))
 
 
-@pytest.mark.slow
 def test_gains_under_unknown_contact_forces(log: Walked) -> None:
     found = identify_forces(str(log.model), [log.log], known={"mass": log.mass})
     gains = np.array([p.value for p in found.gains])
