@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 from scipy.spatial.transform import Rotation
 
-from ....core import Array, zero_phase
+from ....core import GRAVITY, Array, zero_phase
 from ..problem import Mask
 from .rows import GroundRows
 
@@ -38,7 +38,7 @@ def stance(rows: GroundRows, theta: Array, delay: Array, total: float) -> Stance
     """The feet's loads under θ̂ (p,) and delays (k,); `total` is the robot's mass [kg]."""
     each = [_normal(rows, k, theta, delay) for k in range(len(rows.motions))]
     feet = len(rows.ground.feet)
-    weight = total * 9.81 / feet
+    weight = total * GRAVITY / feet
     every = np.concatenate(each)
     calm = every[np.abs(every) < 2 * _UNLOADED * weight]
     noise = float(1.48 * np.median(np.abs(calm))) if len(calm) else 0.0
