@@ -159,7 +159,7 @@ EXAMPLES = [(name_of(page), *example) for page in PAGES for example in examples(
 def test_a_command_prints_what_a_page_shows(
     page: str, line: str, shown: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The same words, and the same numbers to two per cent, which is less than a law's change."""
+    """Whether words are equal, and numbers to two per cent, which is less than a law's change."""
     monkeypatch.chdir(tmp_path)
     _, said = shell(*shlex.split(line)[1:])
     printed = {NUMBER.sub("#", flat(each)): each for each in said.out.splitlines()}

@@ -334,7 +334,7 @@ def parse(arguments: Sequence[str]) -> Any:
 
 
 def _sorted(options: Identify | Inspect) -> Identify | Inspect:
-    """The same with all logs in one field; logs and a model file may stand in any order.
+    """The words of a command with all logs in one field; logs and a model file may stand in any order.
 
     The name of a packed robot alone is a model for `nsaid identify`, which knows its log.
     """

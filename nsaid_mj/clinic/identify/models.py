@@ -88,7 +88,7 @@ def load_robot_model(
 
 
 def floating(robot: RobotModel) -> RobotModel:
-    """The same robot with a base that floats.
+    """A robot of joints on a fixed base, with a base that floats.
 
     Raises:
         BadRobot: its base is fixed to the world in its file.
