@@ -336,7 +336,8 @@ def parse(arguments: Sequence[str]) -> Any:
 def _sorted(options: Identify | Inspect) -> Identify | Inspect:
     """The words of a command with all logs in one field.
 
-    Logs and a model file may stand in any order. The name of a packed robot alone is a model for `nsaid identify`, which knows its log.
+    Logs and a model file may stand in any order. The name of a packed robot alone is a model for
+    `nsaid identify`, which knows its log.
     """
     words = [*options.logs, *options.log]
     model = options.model
