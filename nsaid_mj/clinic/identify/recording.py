@@ -62,7 +62,8 @@ def record(page: Page, file: Path) -> Path:
     moved = recording_shifts(result.recordings)
     motion = []
     for shift, segment in zip(moved, result.recordings.segments, strict=True):
-        q, v = segment.log.q, segment.log.v
+        q = segment.log.q
+        v = segment.log.v
         if result.robot.floating:
             q, v = poses(result.robot, result.recordings, segment)
         motion.append((segment.log.t + shift, q, v))

@@ -135,7 +135,8 @@ def _incomplete(
     known = [name for name in sheets if _content(name).get("kind") == sheet.family]
     known.sort(key=lambda name: _apart(own, _content(name).get("mass")))
     example = next(iter(known), "")
-    keys, values = [], []
+    keys = []
+    values = []
     for places in missing:
         key = ".".join(map(str, places))
         keys.append(f"{key} ({_declared(sheet, places)[1]})")

@@ -25,7 +25,7 @@ _LEG = """
   </body>
 </body></body>"""
 _STANDING = 500  # steps before the log begins
-_LEGS = {"left": (0.15, 0.15), "right": (0.15, -0.15), "hind": (-0.25, 0.0)}
+_LEGS = {"left": (0.2, 0.25), "right": (0.2, -0.25), "hind": (-0.35, 0.0)}  # it stays upright
 
 
 def model_text() -> str:
