@@ -203,23 +203,8 @@ from .parameters import phrase as phrase
 # A number in few digits, a power of ten only below 1e-4 and from 1e5: 0.00021, 1.8·10⁻⁶.
 from .parameters import rounded as rounded
 
-# b(θ) at θ (p,); infinite outside the cone.
-from .quotient.barrier import barrier as barrier
-
-# ∇b (p,) and the block-diagonal ∇²b (p, p) at θ (p,); NaN outside the cone.
-from .quotient.barrier import gradient_and_hessian as gradient_and_hessian
-
-# Length (dᵀ ∇²b(θ) d)^½ of a step d (p,) at θ (p,); a step shorter than 1 stays inside.
-from .quotient.barrier import local_norm as local_norm
-
 # The blocks of θ that are cones, for compiled code, with their matrices P(θ) sparse.
 from .quotient.cone import Cone as Cone
-
-# The cones of a parameter space.
-from .quotient.cone import cone_of as cone_of
-
-# Whether θ (p,) is inside the cone: every number > 0, every matrix positive definite.
-from .quotient.cone import inside as inside
 
 # J(θ) = ½ Σ_i N_i log λ_i(θ) + the prior, the negative logarithm of a density.
 from .quotient.cost import Posterior as Posterior
@@ -227,20 +212,8 @@ from .quotient.cost import Posterior as Posterior
 # R of some Gramians.
 from .quotient.cost import Quotient as Quotient
 
-# (n, p) diagonals of Σ_i for Gramians (n, p, p); None if no actuator has an effect.
-from .quotient.cost import efforts as efforts
-
-# Limits of steps, and stopping criteria.
-from .quotient.descent import Rules as Rules
-
-# Minimises an objective from a start θ (p,) inside the cone.
-from .quotient.descent import minimise as minimise
-
 # Gramians that add over parts of a log.
 from .quotient.gramians import Sums as Sums
-
-# (p, p) inverse of H ⪰ 0 (p, p) among the parameters `free`, and 0 for all others.
-from .quotient.matrices import inverse_on as inverse_on
 
 # Writes the generalised forces F θ − C v (n,), and the lower triangle of M into work.M.
 from .structure.acting import act as act

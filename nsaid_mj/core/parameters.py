@@ -22,6 +22,8 @@ Geometry = Literal["free", "positive", "pseudo_inertia", "spd", "tied"]
 
 _SIZES = {"pseudo_inertia": 10}
 
+_INVERTED = 1e-12  # share of the mean diagonal that is added where a matrix is inverted
+
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 """Names of motions along and about the axes of a body."""
 
@@ -258,6 +260,20 @@ class ParameterSpace:
         if name not in self.names:
             raise UnknownName("parameter", name, self.names)
         return self.names.index(name)
+
+    def inverse(self, hessian: Array, free: Indices) -> Array:
+        """(p, p) inverse of H ⪰ 0 (p, p) among the parameters `free`, and 0 for all others.
+
+        H is of θ; it is inverted as that of θ/scale.
+        """
+        import scipy.linalg  # arguments are checked without it
+
+        found = np.zeros_like(hessian)
+        unit = np.outer(self.scale[free], self.scale[free])
+        inner = hessian[np.ix_(free, free)] * unit
+        inner[np.diag_indices_from(inner)] += _INVERTED * np.trace(inner) / len(inner)
+        found[np.ix_(free, free)] = scipy.linalg.inv(inner) * unit
+        return found
 
     def check(self, theta: ArrayLike, name: str = "theta") -> Array:
         """Converts θ to a float array of shape (p,).
