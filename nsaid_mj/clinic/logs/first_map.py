@@ -12,6 +12,7 @@ from .imu import imu_columns
 from .mapping import FACTORS, Map, Quantity, of_name
 from .matching import candidates, match_targets, named, set_points, words
 from .tables import LogTable, channel_names, values_of
+from .unnamed import unnamed
 
 _WHOLE = 100.5  # of a range from −100 to 100, with rounding; larger values are degrees
 _HEAD = """\
@@ -138,7 +139,7 @@ def first_map(tables: Sequence[LogTable], robot: RobotModel) -> str:
         parts.append(_vehicle(tables, robot))
     else:
         own = [joint for joint in named(robot) if joint in robot.leaders]
-        found = candidates(names, own, robot.passive)
+        found = unnamed(tables, own) or candidates(names, own, robot.passive)
         targets = match_targets(names, own)
         goals = set(targets.values())
         measured = [g for g in found["position"].values() if goals.isdisjoint(g.values())]
