@@ -176,6 +176,9 @@ from .numerics.spatial import unrotate as unrotate
 # What stands for a number that there is not.
 from .parameters import ABSENT as ABSENT
 
+# Names of the six axes of a body, as in names of parameters.
+from .parameters import AXES as AXES
+
 # An array of float64; shapes and units are in the docstrings.
 from .parameters import Array as Array
 
@@ -253,9 +256,6 @@ from .structure.arrays import Workspace as Workspace
 
 # Workspaces of a stage and for derivatives, for a structure with n velocities.
 from .structure.arrays import memory_of as memory_of
-
-# Names of the six axes of a body, as in names of parameters.
-from .structure.blocks import AXES as AXES
 
 # Acceleration of gravity [m/s²], known: weight is a column of the mass.
 from .structure.blocks import GRAVITY as GRAVITY
@@ -350,33 +350,6 @@ from .structure.joints import JointScales as JointScales
 # M(q, θ) v̇ + C(x, θ) v = −g(q, θ) − f(v, θ) + diag(k) u (5): motors on a tree's 1-DOF joints.
 from .structure.joints import JointTree as JointTree
 
-# The bodies of a Pinocchio model of 1-DOF joints, whose root may be a free flyer.
-from .structure.joints import bodies_of as bodies_of
-
-# Names of the links that the joints move, the base's first where the root is a free flyer.
-from .structure.joints import body_names as body_names
-
-# (k, bones, 2, 3) line segments that sketch a robot at positions (k, m) [m].
-from .structure.joints import bones as bones
-
-# Whether the root of a Pinocchio model is a free flyer.
-from .structure.joints import floats as floats
-
-# Names of the 1-DOF joints.
-from .structure.joints import joint_names as joint_names
-
-# The inertial parameters of every body; a floating base is number 0.
-from .structure.joints import link_blocks as link_blocks
-
-# The 1-DOF joints, in order.
-from .structure.joints import moving_joints as moving_joints
-
-# (N, m) Pinocchio's q of coordinates (N, n): continuous joints are (cos, sin).
-from .structure.joints import positions as positions
-
-# Whether a joint is prismatic.
-from .structure.joints import slides as slides
-
 # Writes the rotation matrix (9), body to world, of the unit quaternion (x, y, z, w) q[at].
 from .structure.kinematics import write_rotation as write_rotation
 
@@ -428,32 +401,11 @@ from .structure.payload import point_mass as point_mass
 # Whether θ is that of a single body in water with a full mass matrix.
 from .structure.payload import submerged as submerged
 
-# (m,) the position q (m,) as measured by a sensor with a bias.
-from .structure.sensing import displaced as displaced
-
-# A name for each position: x, y, z and the quaternion's parts of a pose in space, then joints.
-from .structure.sensing import position_labels as position_labels
-
-# A name for each velocity, a body's angular ones as rates: surge, … yaw rate, joints.
-from .structure.sensing import rate_labels as rate_labels
-
-# A name for each sensor of position, then for each of velocity.
-from .structure.sensing import sensor_labels as sensor_labels
-
-# The unit of each sensor of position, then of each of velocity.
-from .structure.sensing import sensor_units as sensor_units
-
-# A name for each velocity: surge, sway …, then the robot's own names of its joints.
-from .structure.sensing import velocity_labels as velocity_labels
-
 # The axes of a body in the plane, among the six of one in space.
 from .structure.single_body import LEVEL as LEVEL
 
 # M ν̇ + C(ν) ν = F θ (4) of one body in space, in the plane, or along the vertical.
 from .structure.single_body import SingleBody as SingleBody
-
-# The system, if it is one body with these blocks of θ; `wanted` describes it in the message.
-from .structure.single_body import single_body as single_body
 
 # Scalar product of 3-vectors.
 from .structure.spatial import dot3 as dot3
@@ -463,9 +415,3 @@ from .structure.structure import Structure as Structure
 
 # M(x, θ) v̇ + C(x, θ) v = F(t, x, u) θ (4), linear in θ (8, 9), with Ṁ − 2C skew.
 from .structure.system import SecondOrderSystem as SecondOrderSystem
-
-# For each command, the indices of its gains: the actuator parameters whose force it affects.
-from .structure.system import gains_by_command as gains_by_command
-
-# A copy of a system with another structure of the same joints, and with its parameters.
-from .structure.system import rebuilt as rebuilt

@@ -22,6 +22,9 @@ Geometry = Literal["free", "positive", "pseudo_inertia", "spd", "tied"]
 
 _SIZES = {"pseudo_inertia": 10}
 
+AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+"""Names of motions along and about the axes of a body."""
+
 ABSENT = "–"
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _LEAST = 1e-3  # numbers outside are written as powers of ten,

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base import Finding
-from ...core import position_labels, velocity_labels
 from ...robots import RobotModel
 from ..logs import signals
 from ..logs.checks import checks
@@ -184,8 +183,8 @@ def signal_names(robot: RobotModel) -> dict[str, list[tuple[str, str]]]:
     v = robot.joints
     units = list(robot.units)
     if not robot.jointed:
-        q = position_labels(system)
-        v = velocity_labels(system)
+        q = system.position_labels
+        v = system.velocity_labels
     if system.group == 6:  # its attitude is a quaternion
         units[3:6] = [""] * 4
     return {

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from ...core import Array, Block, Column, Indices, ParameterSpace, Rotor, slides
+from ...core import Array, Block, Column, Indices, ParameterSpace, Rotor
 from ...robots import RobotModel
 from ..logs.recordings import Recordings
 from .choose.columns import (
@@ -246,7 +246,7 @@ class JointRows(Rows):
             (self._gains(), self.gain[driven], self.spread[driven]),
         ]
         blocks, prior, spread = zip(*parts, strict=True)
-        space = ParameterSpace((*link_blocks(model), *blocks))
+        space = ParameterSpace((*link_blocks(self.robot), *blocks))
         sizes = sizes_of_links(model, self.links[self.usable], self._weight)
         loaded = {name: load.place.start // 10 for load in carried for name in load.block.names}
         stated = np.zeros(len(space), dtype=bool)
@@ -307,7 +307,7 @@ class JointRows(Rows):
         return found * np.sqrt(mean_squares(moving, usable))[:, None]
 
     def _slides(self, joint: int) -> bool:
-        return slides(self.robot.model.joints[joint + 1])
+        return self.robot.system.slides[joint]
 
     def _on_joints(self, choice: Choice, force: Array) -> Iterator[Part]:
         """Rotors, friction, springs and offsets; force (k,) is typical of each joint."""

@@ -6,10 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..parameters import Array, Block, Geometry, ParameterSpace
+from ..parameters import AXES, Array, Block, Geometry, ParameterSpace
 from .parts import Column
 
-AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 GRAVITY = 9.81
 """Acceleration of gravity [m/s²], known: weight is a column of the mass."""
 INERTIAL = ("m", "hx", "hy", "hz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")

@@ -54,6 +54,22 @@ class SingleBody(SecondOrderSystem):
         )
         super().__init__(robot, space, mounts_of(space, columns, np.nan if n > 1 else 0.0))
         self.operation = operation
+        self.own_names = ["heave"] if n == 1 else []
+
+    @classmethod
+    def of(cls, system: SecondOrderSystem, blocks: Sequence[str], wanted: str) -> SingleBody:
+        """The system, if it is one body with these blocks of θ; `wanted` describes it in messages.
+
+        Raises:
+            InvalidInput: it is not.
+        """
+        known = {block.name for block in system.space.blocks}
+        if not (isinstance(system, SingleBody) and known.issuperset(blocks)):
+            found = ", ".join(block.name for block in system.space.blocks)
+            raise InvalidInput(
+                "excitation", wanted, f"a system with {found}", "Use MultisineCommand."
+            )
+        return system
 
     def constants(self, kind: str, name: str) -> Array:
         """(k, ...) a constant of every column of a kind."""
@@ -73,16 +89,3 @@ class SingleBody(SecondOrderSystem):
             turn = rng.uniform(-np.pi, np.pi, 1)
         q = self.position(np.concatenate([place, turn]))
         return q, rng.uniform(*operation.velocity), rng.uniform(*operation.command)
-
-
-def single_body(system: SecondOrderSystem, blocks: Sequence[str], wanted: str) -> SingleBody:
-    """The system, if it is one body with these blocks of θ; `wanted` describes it in the message.
-
-    Raises:
-        InvalidInput: it is not.
-    """
-    known = {block.name for block in system.space.blocks}
-    if not (isinstance(system, SingleBody) and known.issuperset(blocks)):
-        found = ", ".join(block.name for block in system.space.blocks)
-        raise InvalidInput("excitation", wanted, f"a system with {found}", "Use MultisineCommand.")
-    return system

@@ -16,11 +16,10 @@ from ...core import (
     CompiledMultibody,
     Inertia,
     JointScales,
-    body_names,
+    JointTree,
     cylinder,
     full,
     guessed,
-    link_blocks,
     term,
 )
 from ...robots import published_numbers, vehicle_files
@@ -67,7 +66,8 @@ def uvms() -> PublishedRobot:
     model = uvms_model(base.rigid, arm)
     joints = _joint_guesses(model, arm)
     links = published_links(arm)
-    names = body_names(model)[1:]
+    arms = JointTree.links(model)
+    names = arms.body_names[1:]
     k = len(names)
     inertias = [Inertia(0, 0, full())]
     for i in range(k):
@@ -95,9 +95,9 @@ def uvms() -> PublishedRobot:
         point=links.centres,
     )
     terms = [*forces, drag, buoyancy, thrust]
-    bodies = [base.body, *link_blocks(model, joints)[1:], resisting]
+    bodies = [base.body, *arms.link_blocks(joints.mass, joints.length)[1:], resisting]
     assert joints.rotor is not None
-    carrier = Carrier(inertias, bodies, terms, base.operation)
+    carrier = Carrier(terms, base.operation, inertias, bodies)
     speed = np.full(k, arm["joints"]["friction_speed"])
     inertial = [body.toDynamicParameters() for body in list(model.inertias)[2:]]
     on_joints = joints.rotor, joints.viscous, joints.coulomb, joints.gain

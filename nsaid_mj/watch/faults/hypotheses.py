@@ -21,11 +21,8 @@ from ...core import (
     SecondOrderSystem,
     carrier,
     cone_of,
-    gains_by_command,
     gradient_and_hessian,
     point_mass,
-    sensor_labels,
-    sensor_units,
     submerged,
 )
 from .evidence import Jump
@@ -150,7 +147,7 @@ def _named(system: SecondOrderSystem, k: Sequence[int] | Indices) -> tuple[str, 
 
 def _gains(system: SecondOrderSystem) -> Iterator[tuple[int, Indices, str, tuple[str, ...]]]:
     """Every actuator that has gains: its command; their indices, their part, and their names."""
-    for command, k in enumerate(gains_by_command(system)):
+    for command, k in enumerate(system.gains_by_command):
         if len(k):
             part = " and ".join(system.space.labels[i] for i in k)
             yield command, k, part, _named(system, k)
@@ -308,12 +305,10 @@ def loaded(load: Hypothesis, cone: Cone, scale: Array, theta: Array, mean: Array
 
 def _biases(system: SecondOrderSystem) -> list[Hypothesis]:
     """A constant error of every sensor."""
-    labels = sensor_labels(system)
-    units = sensor_units(system)
     n = system.n
     found = []
     none = np.zeros((system.p, 0))
-    for i, (label, unit) in enumerate(zip(labels, units, strict=True)):
+    for i, (label, unit) in enumerate(system.sensors):
         name = f"{'position' if i < n else 'velocity'} {1 + i % n}"  # as faults are written
         found.append(Hypothesis("bias", label, (name,), none, np.zeros(0), unit, channel=i))
     return found

@@ -23,7 +23,7 @@ from nsaid_mj.core.log import Log
 from nsaid_mj.core.nullspace.subspace import parts_of, structural
 from nsaid_mj.core.parameters import Block, ParameterSpace
 from nsaid_mj.core.quotient.cone import cone_of, inside
-from nsaid_mj.core.structure.system import SecondOrderSystem, gains_by_command
+from nsaid_mj.core.structure.system import SecondOrderSystem
 from nsaid_mj.lab.evaluation.confidence import KnownDirections, known
 from nsaid_mj.lab.evaluation.run_misfit import misfit_of
 from nsaid_mj.lab.library import load
@@ -353,7 +353,7 @@ def test_a_seizure_can_be_taken_back() -> None:
     assert restored(system, truth, truth, sound.sign, sound.held) == []
     stuck = next(h for h in hypotheses_of(system, truth) if h.kind == "stuck")
     signals, effort = signals_under(sound, stuck), truth.copy()
-    (k,) = gains_by_command(system)[stuck.command]
+    (k,) = system.gains_by_command[stuck.command]
     effort[k] *= 0.1
     (back,) = restored(system, effort, truth, signals.sign, signals.held)
     assert (back.kind, back.part, penalty(back)) == ("sound", stuck.part, 0.0)

@@ -37,7 +37,7 @@ from nsaid_mj.lab.evaluation.truth import truth_of as metrics_truth_of
 from nsaid_mj.lab.loop import FAULTS, SimulatedRun, run
 from nsaid_mj.lab.recording import forces, inertia, torques, viewer
 from nsaid_mj.lab.recording.run import write_run_recording
-from nsaid_mj.report.labels import groups, velocity_names
+from nsaid_mj.report.labels import groups
 from nsaid_mj.report.panels import spread
 from nsaid_mj.report.recording import layout, lines, plots, scene
 from nsaid_mj.report.recording.stream import write_recording as write_content
@@ -514,9 +514,9 @@ def test_planar_forces_lie_in_the_plane_and_small_ones_are_magnified(tmp_path: P
 
 
 def test_a_bodys_velocities_have_their_names(vehicle: SimulatedRun, arm: SimulatedRun) -> None:
-    assert velocity_names(vehicle.system)[:4:3] == ["Δsurge [m/s]", "Δroll rate [rad/s]"]
-    assert velocity_names(vehicle.system, "")[5] == "yaw rate [rad/s]"
-    assert velocity_names(arm.system)[0] == "Δshoulder_pan_joint [rad/s]"
+    assert vehicle.system.velocity_names[:4:3] == ["surge [m/s]", "roll rate [rad/s]"]
+    assert vehicle.system.velocity_names[5] == "yaw rate [rad/s]"
+    assert arm.system.velocity_names[0] == "shoulder_pan_joint [rad/s]"
 
 
 def test_a_large_block_has_a_page_of_its_own(vehicle: SimulatedRun, arm: SimulatedRun) -> None:
