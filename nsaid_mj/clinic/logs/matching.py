@@ -310,6 +310,11 @@ def words(name: str) -> list[str]:
     return re.findall(r"[a-z]+|\d+", spaced.lower())
 
 
+def is_gripper(joint: str) -> bool:
+    """Whether a joint is a gripper, whose position LeRobot counts from 0 to 100."""
+    return bool({"gripper", "jaw"} & set(words(joint)))
+
+
 def _joint_of(found: list[str], joints: Sequence[str]) -> tuple[str, list[str]]:
     """The joint that a name's words contain, and the words with `*` for it.
 
