@@ -8,7 +8,7 @@ better, see `drift`; then the law returns the filter's θ̂, as the memory avera
 
 from __future__ import annotations
 
-from ..core import ChosenBy, EfficientIdentifier, EfficientState, Log, extended
+from ..core import ChosenBy, EfficientIdentifier, EfficientState, Log
 from .drift import LONGEST, Rivals, walks
 from .faults.isolation import Isolation
 from .faults.trial import LEAD
@@ -91,7 +91,7 @@ class FilterSupervisor:
         if before * self._interval / self._every > _BEGINNING or state.supervision.events:
             beginning = ()
         elif beginning or not before:
-            beginning = extended(beginning, log.first(len(log.t) - 1))
+            beginning = Log.extended(beginning, log.first(len(log.t) - 1))
         return in_motion(state, recent=self._recent(state, log), beginning=beginning)
 
     def _learned_again(self, state: EfficientState, log: Log) -> tuple[EfficientState, bool]:

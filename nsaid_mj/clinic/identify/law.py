@@ -12,6 +12,7 @@ import numpy as np
 from ...base import Finding
 from ...core import (
     Array,
+    Confidence,
     EfficientConfig,
     Identifier,
     Log,
@@ -20,7 +21,6 @@ from ...core import (
     NullspaceAID,
     State,
     Status,
-    gain_deviations,
 )
 from ...lab import (
     INTERVAL,
@@ -66,7 +66,7 @@ class _Watch(Observer):
         """Keeps the estimate of a sample."""
         state = states[""]
         space = self._identifier.system.space
-        stated = gain_deviations(self._identifier.confidence(state), state.theta_hat, space)
+        stated = Confidence.of_gains(self._identifier.confidence(state), state.theta_hat, space)
         self.rows.append((float(log.t[-1]), state.theta_hat, stated))
 
     def stop(self) -> None:

@@ -27,8 +27,6 @@ from ....core import (
     Elimination,
     ParameterSpace,
     Rotor,
-    memory_of,
-    torques_along,
 )
 from ....robots import RobotModel
 from ...logs.imu import GRAVITY
@@ -154,10 +152,7 @@ class GroundRows(Rows):
         columns, rotors = self.terms(self.space)
         own = [column for column in columns if column.kind != "motor"]
         system = with_columns(self.system, own, rotors, len(self.space))
-        structure = system.structure.arrays
-        found = np.empty_like(motion.v)
-        parts = (np.ascontiguousarray(x) for x in (motion.q, motion.v, motion.a))
-        torques_along(structure, *memory_of(structure, system.n), theta, *parts, found)
+        found = system.torques(theta, motion.q, motion.v, motion.a)
         driving = self.acting(number, delay)[:, self.driven] * theta[self.space.actuators]
         found[:, [BASE + j for j in self.driven]] -= driving
         return found
