@@ -18,7 +18,6 @@ from ..base import (
     InvalidInput,
     UnknownName,
     check_choice,
-    check_sweep,
     numbers_in,
     print_json,
     printable,
@@ -200,6 +199,8 @@ def _finished(
 
 def draw_sweep(folder: Path) -> int:
     """Executes `nsaid report`: draws the page of the sweep in a folder."""
+    from .studies.sweep_files import check_sweep
+
     check_sweep(folder)
     from .studies.folder import read
     from .studies.sweep_report import write_sweep_page

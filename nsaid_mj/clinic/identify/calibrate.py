@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...base import Finding, refused
+from ...base import Finding
 from ...core import Array
 from ...report import gravest_first
 from ...robots import RobotModel
@@ -385,5 +385,5 @@ def _curves(problem: FitProblem, theta: Array, recordings: Recordings) -> Curves
 
 
 def _refuse(found: list[Finding]) -> None:
-    if refused(found):
+    if Finding.refused(found):
         raise UnusableLog(gravest_first(found))

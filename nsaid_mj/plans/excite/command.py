@@ -7,17 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from ...base import (
-    LIMITS_FORM,
     InvalidInput,
     check_choice,
     path_of,
     print_json,
     read_input,
-    toml_of,
 )
 from ...lab import folder_for_results
 from ...report import code_of
 from ...robots import check_model
+from .limits_file import read_limits_file
 
 if TYPE_CHECKING:
     from ...lab import DriverConfig, Progress, Scenario
@@ -166,6 +165,6 @@ def check_excite(chosen: ToDesign) -> None:
     if chosen.noise is not None:
         two_noises(chosen.noise)
     if chosen.limits is not None:
-        toml_of(chosen.limits, "--limits", LIMITS_FORM)
+        read_limits_file(chosen.limits)
     if chosen.model is not None:
         check_model(chosen.model)

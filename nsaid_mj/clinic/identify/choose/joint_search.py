@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....base import Finding, refused
+from ....base import Finding
 from ....core import Array, Indices, check_consistency
 from ....robots import RobotModel
 from ...logs.recordings import Recordings
@@ -103,7 +103,7 @@ def structured_arm(
     problem = rows.problem(choice)
     others = rivals = iter(())
     faults += fit_checks(rows, replace(choice, delay=np.full(k, np.median(choice.delay))))
-    if not refused(faults):
+    if not Finding.refused(faults):
         report("fitting delays")
         beside = [rows.like(recordings, other) for other in others_at]
         found = _finished(rows, found, problem, options, beside)
