@@ -390,8 +390,9 @@ class Vehicle:
     A `-` before a column's name reverses its sign.
     """
 
-    # x, y, z [m], left out to integrate `linear`; x, y and heading [rad] of a vehicle in the plane
+    # x, y, z [m], left out to integrate `linear`; x, y and heading of a vehicle in the plane
     position: Three | None = None
+    heading_unit: Literal["rad", "deg"] | None = None  # in the plane; None to judge by its values
     quaternion: Four | None = None  # from body to world; not used in the plane
     # roll, pitch and yaw instead, the turns about x, y' and z'' from the world's axes to the
     # body's, yaw first

@@ -24,7 +24,7 @@ WORDS: dict[Quantity, frozenset[str]] = {
     "velocity": _set("velocity velocities vel dq qd v qdot speed spd omega qvel dtheta"),
     "command": _set(
         "effort efforts torque torques tau current currents cur curr i u cmd command ctrl control "
-        "force moment voltage pwm esc throttle amps"
+        "force moment voltage pwm esc throttle thr thrust thruster amps"
     ),
 }
 _OTHER = _set("acceleration acc accel ddq qdd error err temperature temp status mode limit")
