@@ -90,7 +90,7 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     if recordings.imu is not None:  # what follows compares commands with motion on a fixed base
         return _first_clocks(found)
     if not refused(f for f in found if f.code in ("beyond_limits", "degrees", "motor_side")):
-        found += command_causes(motion, robot)
+        found += command_causes(motion, robot, timed=bool(measured))
     if not robot.weightless and not refused(found):
         found += _large_commands(motion, recordings, robot)
     return _first_clocks(found)
