@@ -88,6 +88,11 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     geared = None if refused(found) else motor_side(motion, robot, measured)
     found += in_degrees(beyond, robot, measured, motion) if geared is None else [geared]
     if recordings.imu is not None:  # what follows compares commands with motion on a fixed base
+        if not refused([*found, *recordings.findings]):
+            from ..identify.ground.conventions import convention_findings
+            from ..identify.models import floating
+
+            found += convention_findings(floating(robot), recordings)
         return _first_clocks(found)
     if not refused(f for f in found if f.code in ("beyond_limits", "degrees", "motor_side")):
         found += command_causes(motion, robot, timed=bool(measured))

@@ -66,7 +66,8 @@ _DEGREES_OR_RANGE = """
 # position = "range"
 """
 
-_ORDER = '# order = "wxyz"  # or xyzw, of the quaternion; left out: found by gravity\n'
+_ORDER = '# order = "wxyz"  # or xyzw; left out: found by gravity and the gyroscope\n'
+_ANGLES = '# order = "rpy"  # or "rpy deg", or "gravity" for its direction; left out: found\n'
 _MOUNTED = """\
 # site = "imu"  # where it sits in the model; or place = [x, y, z] in the base's frame [m]
 """
@@ -187,7 +188,8 @@ def _on_ground(channels: Sequence[str]) -> str:
             lines.append(
                 f'# {key} = ["…", "…", "…"]  # specific force, 9.81 m/s² upwards at rest\n'
             )
-    lines.append(_ORDER if imu.order is None else f'order = "{imu.order}"  # of the quaternion\n')
+    unknown = _ORDER if len(imu.orientation) == 4 else _ANGLES
+    lines.append(unknown if imu.order is None else f'order = "{imu.order}"\n')
     return "".join(lines) + _MOUNTED + _FEET
 
 

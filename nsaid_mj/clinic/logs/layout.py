@@ -351,12 +351,18 @@ def _source(
 def _ordered(mapping: Map, names: Sequence[str]) -> list[Joint]:
     """The columns of joints in their order, after the swaps of a map."""
     joints = mapping.joints
+    order = mapping.order.joints
+    if order and sorted(order) != sorted(names):
+        known = f"The robot's actuated joints are {', '.join(names)}."
+        raise InvalidInput("map: order.joints", "every joint once", ", ".join(order), known)
+    if order:
+        joints = {true: mapping.joints[name] for name, true in zip(names, order, strict=True)}
     for what in ("position", "velocity", "command"):
         swaps = getattr(mapping.order, what)
         for joint in {*swaps, *swaps.values()} - set(names):
             known = f"The robot's actuated joints are {', '.join(names)}."
             raise InvalidInput(f"map: order.{what}", "joints of the robot", joint, known)
-        taken = {joint: getattr(mapping.joints[other], what) for joint, other in swaps.items()}
+        taken = {joint: getattr(joints[other], what) for joint, other in swaps.items()}
         joints = joints | {j: replace(joints[j], **{what: column}) for j, column in taken.items()}
     return [joints[name] for name in names]
 
