@@ -108,5 +108,5 @@ def test_what_is_stated_counts_and_what_is_missing_is_named(tmp_path):
         with pytest.raises(NsaidError, match=said):
             load_robot_model(str(path))
     path.write_text('kind = "quadrotor"\nmass = 0.9\n', encoding="utf-8")
-    with pytest.raises(InvalidInput, match=r'Or state only frame \("x" or "\+" or "betaflight"\)'):
+    with pytest.raises(InvalidInput, match=r'State frame \("x" or "\+" or "betaflight"\)'):
         load_robot_model(str(path))

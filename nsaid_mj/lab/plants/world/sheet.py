@@ -213,12 +213,12 @@ def _incomplete(
         keys.append(f"{key} ({_declared(sheet, places)[1]})")
         value = _at(_content(example) if example else {}, places)
         values += [f"{key} = {_toml(value)}"] if value is not None else []
-    begin = f"Values to begin from, of {example}: {'; '.join(values)}. " if values else ""
+    begin = ""
     if sheet.frames:
         frames = " or ".join(f'"{frame}"' for frame in sheet.frames)
-        begin += (
-            f"Or state only frame ({frames}), mass [kg] and arm [m]: all else is then guessed. "
-        )
+        begin = f"State frame ({frames}), mass [kg] and arm [m], and all else is guessed. "
+    if values:
+        begin += f"Values to begin from, of {example}: {'; '.join(values)}. "
     wanted = f"{len(keys)} more keys, {', '.join(keys)}"
     return InvalidInput(str(path), wanted, "none of them", begin + _REMEDY)
 
