@@ -224,7 +224,7 @@ def _motion(run: Run, rows: Indices) -> list[Panel]:
     error = _recorded("velocity_error", "Velocity error Δv: predicted − measured", f"Δv [{units}]")
     error.add_columns(t, record["v_hat"][rows] - v, velocity_names(system))
     velocity = _recorded("velocity", "Measured velocity", f"v [{units}]")
-    velocity.add_columns(t, v, velocity_names(system, ""))
+    velocity.add_columns(t, v, velocity_names(system, ""), ("measured",))
     command = _recorded("command", "Command", "u [–]")
     command.add_columns(t, record["u"][rows], command_names(system))
     excitation = _recorded("excitation", "Persistence of excitation over a window", "ε₀ [N·m·s]")
