@@ -203,23 +203,8 @@ from .parameters import phrase as phrase
 # A number in few digits, a power of ten only below 1e-4 and from 1e5: 0.00021, 1.8·10⁻⁶.
 from .parameters import rounded as rounded
 
-# b(θ) at θ (p,); infinite outside the cone.
-from .quotient.barrier import barrier as barrier
-
-# ∇b (p,) and the block-diagonal ∇²b (p, p) at θ (p,); NaN outside the cone.
-from .quotient.barrier import gradient_and_hessian as gradient_and_hessian
-
-# Length (dᵀ ∇²b(θ) d)^½ of a step d (p,) at θ (p,); a step shorter than 1 stays inside.
-from .quotient.barrier import local_norm as local_norm
-
 # The blocks of θ that are cones, for compiled code, with their matrices P(θ) sparse.
 from .quotient.cone import Cone as Cone
-
-# The cones of a parameter space.
-from .quotient.cone import cone_of as cone_of
-
-# Whether θ (p,) is inside the cone: every number > 0, every matrix positive definite.
-from .quotient.cone import inside as inside
 
 # J(θ) = ½ Σ_i N_i log λ_i(θ) + the prior, the negative logarithm of a density.
 from .quotient.cost import Posterior as Posterior
@@ -227,20 +212,8 @@ from .quotient.cost import Posterior as Posterior
 # R of some Gramians.
 from .quotient.cost import Quotient as Quotient
 
-# (n, p) diagonals of Σ_i for Gramians (n, p, p); None if no actuator has an effect.
-from .quotient.cost import efforts as efforts
-
-# Limits of steps, and stopping criteria.
-from .quotient.descent import Rules as Rules
-
-# Minimises an objective from a start θ (p,) inside the cone.
-from .quotient.descent import minimise as minimise
-
 # Gramians that add over parts of a log.
 from .quotient.gramians import Sums as Sums
-
-# (p, p) inverse of H ⪰ 0 (p, p) among the parameters `free`, and 0 for all others.
-from .quotient.matrices import inverse_on as inverse_on
 
 # Writes the generalised forces F θ − C v (n,), and the lower triangle of M into work.M.
 from .structure.acting import act as act
@@ -263,30 +236,6 @@ from .structure.blocks import GRAVITY as GRAVITY
 # A block of θ, and the columns of F that it scales.
 from .structure.blocks import Term as Term
 
-# A block of like actuators, the first of which reads the first command, and so on.
-from .structure.blocks import actuators as actuators
-
-# The nearest powers of two of |value|: a guess by order of magnitude.
-from .structure.blocks import guessed as guessed
-
-# The ten inertial parameters of the body of a vehicle, in the order of `of_a_body`.
-from .structure.blocks import inertial_block as inertial_block
-
-# The ten inertial parameters of link `name`, body `number` (0 is a floating base).
-from .structure.blocks import link_block as link_block
-
-# The entries of a symmetric M (n, n), upper triangle row by row.
-from .structure.blocks import mass_block as mass_block
-
-# Labels of like parameters: {"thrust_1": "thrust of rotor 1", …} from "thrust of rotor".
-from .structure.blocks import named as named
-
-# (6, 6, p) mass tensor of the ten inertial parameters of a body, which start at `start`.
-from .structure.blocks import of_a_body as of_a_body
-
-# A block of columns; the columns' kinds determine its parameters.
-from .structure.blocks import term as term
-
 # Names of the kinds of force that a flow exerts on a moving body.
 from .structure.columns import DRAG_AND_LIFT as DRAG_AND_LIFT
 
@@ -295,9 +244,6 @@ from .structure.columns import KINDS as KINDS
 
 # A curve through `values` at increasing commands; constant beyond the ends.
 from .structure.columns.curve import interpolated as interpolated
-
-# A curve by its coefficients of u, u³, u⁵ and so on.
-from .structure.columns.curve import odd as odd
 
 # A curve by its coefficients of u, u|u|, u³, u³|u| and so on.
 from .structure.columns.curve import polynomial as polynomial
@@ -382,15 +328,6 @@ from .structure.parts import Operation as Operation
 
 # Inertia that turns or slides with a joint alone: a motor's rotor.
 from .structure.parts import Rotor as Rotor
-
-# (6, 6, 1) added inertia of a slender cylinder: 1 kg, spread evenly along its axis.
-from .structure.parts import cylinder as cylinder
-
-# (6, 6, s) any symmetric matrix on some axes: the upper triangle, row by row.
-from .structure.parts import full as full
-
-# (6, 6, s) a matrix with value · θ_k at (i, j) and (j, i), from rows (i, j, k, value).
-from .structure.parts import tied as tied
 
 # The block of the body that carries a payload by default: the last link, or `body`.
 from .structure.payload import carrier as carrier

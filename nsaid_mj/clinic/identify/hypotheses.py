@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...base import Finding
-from ...core import inverse_on, number
+from ...core import number
 from ...lab import INTERVAL
 from ...robots import RobotModel
 from ..logs.recordings import Recordings
@@ -139,7 +139,7 @@ def _prediction(
     theta = minimise(problem, parts).theta
     free = np.flatnonzero(~problem.known)
     hessian = sum(information(problem, parts, theta))
-    covariance = inverse_on(np.asarray(hessian), free, problem.space.scale)
+    covariance = problem.space.inverse(np.asarray(hessian), free)
     value = float(theta[index])
     sd = float(np.hypot(np.sqrt(covariance[index, index]), _TOLD * abs(value)))
     for rival in fitted.made.rivals:  # that explain the log as well

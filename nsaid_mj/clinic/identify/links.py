@@ -20,7 +20,6 @@ from ...core import (
     Block,
     Indices,
     SecondOrderSystem,
-    link_block,
 )
 from ...robots import RobotModel
 from .loads import Load
@@ -178,7 +177,7 @@ def payloads(model: pin.Model, loads: Sequence[Load]) -> list[CarriedLoads]:
     for number, (load, sources) in enumerate(grouped.items(), 1):
         joint, centre, known = carrier(model, load)
         name = "payload" if len(grouped) == 1 else f"payload_{number}"
-        block = link_block(number, name, load.mass, _ANYWHERE)
+        block = Block.of_link(number, name, load.mass, _ANYWHERE)
         block = replace(block, name=name, names=tuple(f"payload_{x}" for x in block.names))
         prior = ball_at(model, joint, load.mass)
         if known:

@@ -23,7 +23,7 @@ import numpy as np
 
 from ...base import pin
 from ..parameters import Array, Block, ParameterSpace
-from .blocks import Term, link_block, mounts_of, placed, term
+from .blocks import Term, mounts_of, placed
 from .columns import KINDS
 from .parts import Actuator, Body, Inertia, Operation, Rotor
 from .structure import Structure
@@ -331,7 +331,7 @@ def joint_terms(model: pin.Model, s: JointScales, friction_speed: Array) -> list
         labels = {f"{letter}_{i + 1}": f"{part} of {names[i]}" for i in own}
         slides = [sliding[i] for i in own]
         dofs = [first + i for i in own]
-        return term(kind, labels, scale, scale, sliding=slides, dof=dofs, **constants)
+        return Term.of(kind, labels, scale, scale, sliding=slides, dof=dofs, **constants)
 
     driven = every if s.driven is None else s.driven
     acting: dict[str, Sequence[Any]] = {"input": range(len(driven))}
@@ -357,4 +357,4 @@ def _link_blocks(
     """The inertial parameters of every body; see `JointTree.link_blocks`."""
     first = 0 if floats(model) else 1
     guesses = zip(body_names(model), mass, length, strict=True)
-    return [link_block(first + i, name, *own) for i, (name, *own) in enumerate(guesses)]
+    return [Block.of_link(first + i, name, *own) for i, (name, *own) in enumerate(guesses)]

@@ -24,7 +24,7 @@ class SingleBody(SecondOrderSystem):
 
     Args:
         body: the block of the inertia.
-        tensor: (6, 6, k) tensor of M in this block; None for the ten parameters of a rigid body.
+        inertia: M in this block.
         terms: the forces.
         operation: ranges of velocities and commands.
         gravity: [m/s²], by which rigid bodies have weight.
@@ -36,7 +36,7 @@ class SingleBody(SecondOrderSystem):
     def __init__(
         self,
         body: Block,
-        tensor: Array | None,
+        inertia: Inertia,
         terms: Sequence[Term],
         operation: Operation,
         gravity: float = 0.0,
@@ -46,7 +46,7 @@ class SingleBody(SecondOrderSystem):
         n = len(operation.velocity[0])
         robot = Structure(
             [Body("free" if n == 6 else "planar" if n == 3 else "slide")],
-            [Inertia(0, 0, tensor)],
+            [inertia],
             columns,
             len(space),
             len(operation.command[0]),

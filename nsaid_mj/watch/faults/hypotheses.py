@@ -20,8 +20,6 @@ from ...core import (
     ParameterSpace,
     SecondOrderSystem,
     carrier,
-    cone_of,
-    gradient_and_hessian,
     point_mass,
     submerged,
 )
@@ -266,7 +264,7 @@ def _payloads(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
         mean = np.zeros(system.p)  # of the ball's radius
         square = (mass / _DENSITY) ** (2 / 3)
         mean[place] = mass * np.r_[1.0, np.zeros(3), square * np.array([1, 0, 1, 0, 0, 1])]
-        found.append(loaded(found[0], cone_of(space), space.scale, theta, mean / space.scale))
+        found.append(loaded(found[0], Cone.of(space), space.scale, theta, mean / space.scale))
     return found
 
 
@@ -294,7 +292,7 @@ def loaded(load: Hypothesis, cone: Cone, scale: Array, theta: Array, mean: Array
     place = np.flatnonzero(mean)
     first = place[0]
     last = place[-1] + 1
-    _, metric = gradient_and_hessian(cone, theta + scale * mean)
+    _, metric = cone.derivatives(theta + scale * mean)
     units = np.outer(scale, scale)[first:last, first:last]
     root = np.linalg.cholesky(metric[first:last, first:last] * units)
     D = np.zeros((len(theta), last - first))

@@ -29,7 +29,7 @@ from nsaid_mj.core.laws.faults import FaultEvent
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.structure.columns.curve import LINEAR, polynomial
 from nsaid_mj.core.structure.joints import JointTree
-from nsaid_mj.core.structure.parts import Body, Column, Inertia, tied
+from nsaid_mj.core.structure.parts import Body, Column, Inertia
 from nsaid_mj.core.structure.structure import Structure
 from nsaid_mj.core.structure.system import SecondOrderSystem
 from nsaid_mj.lab.evaluation.truth import truth_of
@@ -528,7 +528,7 @@ class Sled(SecondOrderSystem):
             Column("thruster", 4, body=0, input=2, point=0 * x, direction=y, curve=weak),
             Column("thruster", 5, body=0, input=2, point=0 * x, direction=-x, curve=weak),
         ]
-        mass = Inertia(0, 0, tied([(0, 0, 0, 1.0), (1, 1, 0, 1.0), (5, 5, 0, 1.0)]))
+        mass = Inertia.tied([(0, 0, 0, 1.0), (1, 1, 0, 1.0), (5, 5, 0, 1.0)])
         structure = Structure([Body("planar")], [mass], columns, 6, 3)
         super().__init__(structure, ParameterSpace(blocks), mounts)
 
