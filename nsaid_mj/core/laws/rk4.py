@@ -144,7 +144,7 @@ def flow_in(kind: type[Metric]) -> Callable[..., int]:
 
 
 def _signature(kind: type[Metric], array: Callable[[Any], Any] = lambda of_one: of_one) -> Any:
-    """That of `follow` in a kind of metric, where `array` gives the types of what is a run's own."""
+    """That of `follow` in a kind of metric; `array` gives the types of what is a run's own."""
     metric = kind.compiled
     gains = array(matrix), array(metric.numbers)
     rows = array(matrix), array(matrix), array(vector)

@@ -23,8 +23,8 @@ from numba.extending import lower_builtin, type_callable, typeof_impl
 from ...base import timed
 from . import shipped
 from .cache import FOLDER, one_process, use_folder
-from .lanes import has_lanes, laned
 from .errors import DamagedKernelCache, NoKernelCache
+from .lanes import has_lanes, laned
 
 f8 = types.f8
 i8 = types.i8

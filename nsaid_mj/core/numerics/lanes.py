@@ -55,7 +55,9 @@ def _spread(context: Any, builder: Any, kind: Any, _: Any, number: Any) -> Any:
     vector = ir.Constant(ir.VectorType(number.type, WIDTH), ir.Undefined)
     zero = ir.IntType(32)(0)
     vector = builder.insert_element(vector, number, zero)
-    return builder.shuffle_vector(vector, vector, ir.Constant(ir.VectorType(zero.type, WIDTH), None))
+    return builder.shuffle_vector(
+        vector, vector, ir.Constant(ir.VectorType(zero.type, WIDTH), None)
+    )
 
 
 def _is_lanes(*kinds: Any) -> bool:
