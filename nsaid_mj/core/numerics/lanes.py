@@ -3,6 +3,9 @@
 What is compiled for arrays of f8 is compiled from the same text for arrays of `lanes`: each is a
 vector register, in which every operation acts on all runs, with the bits that it has on one.
 Conditions on numbers hold if they do for all runs. Python stores them as the last axis of arrays.
+
+Of numba this needs, besides its documented interface, the fields of an array (`numba.np.arrayobj`)
+and the name of a conversion (`numba.core.typeconv`).
 """
 
 import operator
@@ -12,7 +15,7 @@ from typing import Any, cast
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.core.typing import signature as signature_of
+from numba.core.typeconv import Conversion
 from numba.extending import (
     intrinsic,
     lower_builtin,
@@ -21,6 +24,7 @@ from numba.extending import (
     register_model,
     type_callable,
 )
+from numba.np.arrayobj import make_array, populate_array
 
 WIDTH = 8
 """Doubles in the widest vector register of today's processors."""
@@ -31,8 +35,6 @@ class Lanes(types.Type):
 
     def can_convert_from(self, _: Any, other: Any) -> Any:
         """Plain numbers become one for each run."""
-        from numba.core.typeconv import Conversion
-
         return Conversion.safe if isinstance(other, types.Number) else None
 
     def unify(self, _: Any, other: Any) -> Any:
@@ -121,24 +123,24 @@ def has_lanes(kind: Any) -> bool:
     return kind == lanes or (isinstance(kind, types.Array) and kind.dtype == lanes)
 
 
-def in_lanes(kind: Any) -> Any:
-    """The type of an array (…, WIDTH) of f8, or of a tuple of such arrays, as arrays of lanes."""
-    if isinstance(kind, types.BaseNamedTuple):
-        parts = [in_lanes(part) for part in kind]
-        if len(set(parts)) == 1:
-            return types.NamedUniTuple(parts[0], len(parts), kind.instance_class)
-        return types.NamedTuple(parts, kind.instance_class)
-    return types.Array(lanes, kind.ndim - 1, "C", aligned=False)  # numpy aligns by 16 bytes
+def _mapped(kind: Any, array: Callable[[Any], Any]) -> Any:
+    """The type of an array or of a tuple of arrays, each array's type mapped by a function."""
+    if not isinstance(kind, types.BaseNamedTuple):
+        return array(kind)
+    parts = [_mapped(part, array) for part in kind]
+    if len(set(parts)) == 1:  # as numba calls the type of such a tuple
+        return types.NamedUniTuple(parts[0], len(parts), kind.instance_class)
+    return types.NamedTuple(parts, kind.instance_class)
 
 
 def widened(kind: Any) -> Any:
     """The type, in Python, of an array of f8, or of a tuple of such arrays, for several runs."""
-    if isinstance(kind, types.BaseNamedTuple):
-        parts = [widened(part) for part in kind]
-        if len(set(parts)) == 1:
-            return types.NamedUniTuple(parts[0], len(parts), kind.instance_class)
-        return types.NamedTuple(parts, kind.instance_class)
-    return types.Array(types.f8, kind.ndim + 1, "C")
+    return _mapped(kind, lambda one: types.Array(types.f8, one.ndim + 1, "C"))
+
+
+def _in_lanes(kind: Any) -> Any:
+    """The type of arrays (…, WIDTH) of f8 as arrays of lanes, which numpy aligns by 16 bytes."""
+    return _mapped(kind, lambda one: types.Array(lanes, one.ndim - 1, "C", aligned=False))
 
 
 def laned(signature: Any, given: Any) -> Any:
@@ -147,7 +149,7 @@ def laned(signature: Any, given: Any) -> Any:
         kind if has_lanes(kind) else own for kind, own in zip(given, signature.args, strict=True)
     ]
     result = lanes if signature.return_type == types.f8 else signature.return_type
-    return signature_of(result, *args)
+    return result(*args)
 
 
 def _viewed(context: Any, builder: Any, kind: Any, value: Any) -> Any:
@@ -155,12 +157,9 @@ def _viewed(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     if isinstance(kind, types.BaseTuple):
         parts = enumerate(kind)
         found = [_viewed(context, builder, t, builder.extract_value(value, i)) for i, t in parts]
-        return context.make_tuple(builder, in_lanes(kind), found)
-    from numba.np.arrayobj import make_array, populate_array
-
+        return context.make_tuple(builder, _in_lanes(kind), found)
     source = make_array(kind)(context, builder, value)
-    target_type = in_lanes(kind)
-    target = make_array(target_type)(context, builder)
+    target = make_array(_in_lanes(kind))(context, builder)
     shape = cgutils.unpack_tuple(builder, source.shape)[:-1]
     strides = cgutils.unpack_tuple(builder, source.strides)[:-1]
     pointer = context.get_value_type(lanes).as_pointer()
@@ -182,7 +181,7 @@ def _as_lanes(_: Any, value: Any) -> Any:
     def made(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         return _viewed(context, builder, signature.args[0], given[0])
 
-    return in_lanes(value)(value), made
+    return _in_lanes(value)(value), made
 
 
 as_lanes: Any = cast("Any", intrinsic(_as_lanes))
