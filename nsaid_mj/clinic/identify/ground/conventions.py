@@ -60,8 +60,8 @@ class _Motion(NamedTuple):
         spin = self.q.copy()
         spin[:, 3:7] = (Rotation.from_quat(self.q[:, 3:7]) * Rotation.from_matrix(turn.T)).as_quat()
         moved = []
-        for x in (self.v, self.a):
-            x = x.copy()
+        for own in (self.v, self.a):
+            x = own.copy()
             x[:, :3] = x[:, :3] @ turn.T
             x[:, 3:6] = x[:, 3:6] @ turn.T
             moved.append(x)
