@@ -36,7 +36,23 @@ _AIR = Fluid(
     ("body drag",),
 )
 _UP = (0.0, 0.0, 1.0)
+_FRAMES = {  # places of the rotors, times arm/√2, and the signs of their torques
+    # PX4's and ArduPilot's motors 1 to 4: front right, rear left, front left, rear right
+    "x": ([[1.0, -1.0], [-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0]], [-1.0, -1.0, 1.0, 1.0]),
+    # theirs of a cross: right, left, front, rear
+    "+": (
+        [[0.0, -(2**0.5)], [0.0, 2**0.5], [2**0.5, 0.0], [-(2**0.5), 0.0]],
+        [-1.0, -1.0, 1.0, 1.0],
+    ),
+    # Betaflight's: rear right, front right, rear left, front left
+    "betaflight": ([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]], [1.0, -1.0, -1.0, 1.0]),
+}
 _Place = Annotated[list[Number], Field(min_length=2, max_length=2)]
+
+
+def _digits(value: float) -> float:
+    """Three significant digits, as guesses are stated."""
+    return float(f"{value:.3g}")
 
 
 class Rotors(SheetTable):
@@ -63,6 +79,8 @@ class QuadrotorSheet(VehicleSheet):
     """A quadrotor's data sheet; axes x forward, y left, z up, origin at the rotors' centre."""
 
     family: ClassVar[str] = "quadrotor"
+    frames: ClassVar[tuple[str, ...]] = tuple(_FRAMES)
+    of_frame: ClassVar[tuple[str, ...]] = ("rotors.arm", "rotors.places", "rotors.spin")
 
     mass: Positive = one("a number > 0 [kg]")
     inertia: list[Positive] = several(3, "three principal moments > 0 [kg·m²]")
@@ -81,6 +99,40 @@ class QuadrotorSheet(VehicleSheet):
                 "rotors.spin", "1 or −1", strange[0], "1 is a torque that turns the body left."
             )
         return self
+
+    @classmethod
+    def begun(cls, frame: str, mass: float, arm: float) -> dict[str, Any]:
+        """Shares of m and arm² as Hummingbird's and Crazyflie's; full thrust is 3 times the weight.
+
+        A rotor's radius is .6 arm; its tip turns at 150 m/s at full command.
+        """
+        places, spin = _FRAMES[frame]
+        area = arm**2
+        top = 150.0 / (0.6 * arm)
+        thrust = 3.0 * mass * GRAVITY / 4
+        hover = top / 3.0**0.5  # speed at which four rotors carry the weight
+        drag = 0.3 * mass / (4 * hover)  # four rotors stop the body within some 3 s
+        return {
+            "mass": mass,
+            "inertia": [_digits(share * mass * area) for share in (0.25, 0.25, 0.48)],
+            "centre_of_mass": [_digits(share * arm) for share in (0.02, 0.02, 0.06)],
+            "body_drag": [_digits(share * area) for share in (0.17, 0.17, 0.35)],
+            "rotors": {
+                "arm": arm,
+                "places": places,
+                "spin": spin,
+                "top_speed": _digits(top),
+                "thrust": _digits(thrust / top**2),
+                "torque": _digits(0.15 * arm * thrust / top**2),
+                "drag": [_digits(drag), _digits(2 * drag)],
+                "lift": _digits(0.12 * area),
+            },
+            "guess": {
+                "offset": _digits(0.06 * arm),
+                "lift": _digits(0.12 * area),
+                "speed": [6.0, 6.0, 4.0, 4.0, 4.0, 2.0],
+            },
+        }
 
     def blueprint(self) -> Blueprint:
         """M ν̇ + C(ν) ν = weight + drag + rotors, in still air.

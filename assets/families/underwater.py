@@ -1,6 +1,7 @@
 """Underwater vehicles with thrusters of unknown gain; a BlueROV2 Heavy is included."""
 
-from typing import ClassVar, Self
+from collections.abc import Sequence
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -32,6 +33,26 @@ from nsaid_mj.lab.plants.conversion import (
 
 POWERS = 5
 """Number of odd powers of the command in the thrusters' curve: u, u³, u⁵, u⁷, u⁹."""
+_SLANT = 0.5**0.5
+_LEVEL = (  # ArduSub's motors 1 to 4: front right, front left, rear right, rear left
+    [[0.815, 0.58, 0.44], [0.815, -0.58, 0.44], [-0.815, 0.58, 0.44], [-0.815, -0.58, 0.44]],
+    [
+        [-_SLANT, _SLANT, 0.0],
+        [-_SLANT, -_SLANT, 0.0],
+        [_SLANT, _SLANT, 0.0],
+        [_SLANT, -_SLANT, 0.0],
+    ],
+)
+_UPRIGHT = {  # the further ones, which push down
+    "vectored": [[0.0, 0.6, 0.0], [0.0, -0.6, 0.0]],
+    "vectored 6dof": [
+        [0.63, 1.14, 0.0],
+        [0.63, -1.14, 0.0],
+        [-0.63, 1.14, 0.0],
+        [-0.63, -1.14, 0.0],
+    ],
+}
+"""Places over the distance of the level thrusters, as on a BlueROV2, in ArduSub's frames."""
 WATER = Fluid(
     1000.0,
     1e-3,
@@ -106,6 +127,8 @@ class UnderwaterSheet(VehicleSheet):
     """An underwater vehicle's data sheet; x forward, y right, z down from the centre of mass."""
 
     family: ClassVar[str] = "underwater"
+    frames: ClassVar[tuple[str, ...]] = tuple(_UPRIGHT)
+    of_frame: ClassVar[tuple[str, ...]] = ("thrusters.positions", "thrusters.directions")
 
     mass: Positive = one("a number > 0 [kg]")
     volume: Positive = one("a number > 0 [m³]")
@@ -138,6 +161,45 @@ class UnderwaterSheet(VehicleSheet):
                 "Without it there is no righting moment: −0.01 is 1 cm above the centre of mass.",
             )
         return self
+
+    @classmethod
+    def begun(cls, frame: str, mass: float, arm: float) -> dict[str, Any]:
+        """Shares of m and powers of arm as a BlueROV2 Heavy's; it rises with 2 % of its weight."""
+        level, directions = _LEVEL
+        places = [*level, *_UPRIGHT[frame]]
+        heavier = mass / 13.5
+        larger = arm / 0.191
+
+        def scaled(values: Sequence[float], factor: float) -> list[float]:
+            return [float(f"{value * factor:.3g}") for value in values]
+
+        return {
+            "mass": mass,
+            "volume": float(f"{mass / 1000:.6g}"),
+            "inertia": scaled([0.26, 0.23, 0.37], heavier * larger**2),
+            "buoyancy_centre": [0.0, 0.0, *scaled([-0.01], larger)],
+            "water_density": 1000.0,
+            "gravity": 9.81,
+            "ballast": float(f"{-0.02 * mass * 9.81:.3g}"),
+            "added_mass": [
+                *scaled([6.4, 7.1, 18.7], heavier),
+                *scaled([0.19, 0.14, 0.22], heavier * larger**2),
+            ],
+            "linear_drag": [*scaled([15, 15, 30], larger), *scaled([0.5, 0.5, 0.5], larger**3)],
+            "quadratic_drag": [
+                *scaled([141, 217, 190], larger**2),
+                *scaled([1.2, 0.5, 1.5], larger**5),
+            ],
+            "guess": {
+                "linear_drag": [*scaled([15, 15, 30], larger), *scaled([0.5] * 3, larger**3)],
+                "speed": [1.0, 0.7, 0.7, 1.5, 1.5, 1.5],
+            },
+            "thrusters": {  # T200 at 16 V
+                "curve": [8.9, 176.0, -404.1, 389.9, -140.3],
+                "positions": [scaled(place, arm) for place in places],
+                "directions": [*directions, *[[0.0, 0.0, 1.0]] * (len(places) - 4)],
+            },
+        }
 
     @property
     def buoyancy(self) -> float:

@@ -25,7 +25,7 @@ SHORT = replace(ROV, duration=0.5, held_out=0.2, pe_window=0.2)
 def test_a_run_replaces_the_one_that_was_there_only_by_force(tmp_path: Path) -> None:
     postprocessing.finish(run(replace(SHORT, seed=1, duration=0.7), tmp_path))
     before = {name: (tmp_path / name).read_bytes() for name in FILES}
-    with pytest.raises(FolderInUse, match="it holds a run. Give force=True"):
+    with pytest.raises(FolderInUse, match=r"it holds a run\. Give force=True"):
         run(replace(SHORT, seed=2), tmp_path)
     assert before == {name: (tmp_path / name).read_bytes() for name in FILES}
     postprocessing.finish(run(replace(SHORT, seed=2), tmp_path, force=True))

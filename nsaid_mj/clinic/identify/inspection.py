@@ -9,7 +9,6 @@ from ...base import Finding
 from ...robots import RobotModel
 from ..logs import signals
 from ..logs.checks import checks
-from ..logs.imu import IMU_ROLES
 from ..logs.layout import Layout, apart, layout, with_angles
 from ..logs.mapping import Map
 from ..logs.preparation import prepare
@@ -170,8 +169,9 @@ def _roles(made: Layout, robot: RobotModel) -> dict[str, str]:
         for (name, _), source in zip(names, group, strict=False):
             if source is not None:
                 found[source.column.column] = f"{word} of {name}"
-    for source, role in zip(made.imu.sources if made.imu else (), IMU_ROLES, strict=False):
-        found[source.column.column] = role
+    if made.imu is not None:
+        for source, role in zip(made.imu.sources, made.imu.roles, strict=False):
+            found[source.column.column] = role
     return found
 
 

@@ -19,7 +19,7 @@ from ...lab import smoothed
 from ...robots import RobotModel
 from ..logs.recordings import LogSegment, Recordings
 from .choose.columns import MANOEUVRES, further_columns, further_names, offered
-from .choose.thruster_curve import ThrusterCurve
+from .choose.thruster_curve import ThrusterCurve, sheet_curve
 from .choose.timing import Timing
 from .dry_mass import scale_deviation
 from .joints import FILE
@@ -109,7 +109,7 @@ class VehicleRows(Rows):
         found = self.acting(u, rate, timing)
         if timing.curve != ThrusterCurve():
             for column in self.thrusters:
-                own = np.asarray(column.constants["curve"])
+                own = sheet_curve(column)
                 found[:, column.input] = timing.curve.as_sheets(found[:, column.input], own)
         return found
 

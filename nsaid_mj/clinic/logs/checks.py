@@ -88,11 +88,15 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     geared = None if Finding.refused(found) else motor_side(motion, robot, measured)
     found += in_degrees(beyond, robot, measured, motion) if geared is None else [geared]
     if recordings.imu is not None:  # what follows compares commands with motion on a fixed base
+        if not Finding.refused([*found, *recordings.findings]):
+            from ..identify.ground.conventions import convention_findings
+            from ..identify.models import floating
+
+            found += convention_findings(floating(robot), recordings)
         return _first_clocks(found)
-    if not Finding.refused(
-        f for f in found if f.code in ("beyond_limits", "degrees", "motor_side")
-    ):
-        found += command_causes(motion, robot)
+    wrong = ("beyond_limits", "degrees", "motor_side")
+    if not Finding.refused(f for f in found if f.code in wrong):
+        found += command_causes(motion, robot, timed=bool(measured))
     if not robot.weightless and not Finding.refused(found):
         found += _large_commands(motion, recordings, robot)
     return _first_clocks(found)

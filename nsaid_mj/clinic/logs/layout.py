@@ -11,13 +11,13 @@ from scipy.spatial.transform import Rotation
 from ...base import InvalidInput
 from ...core import Array, continuous_signs
 from ...robots import RobotModel
-from . import matching
+from . import matching, signals
 from .evidence import limits
 from .flight import flight_map
 from .imu import ImuColumns, imu_columns
 from .mapping import ChannelSource, ColumnMap, Factors, Joint, Map, Quantity, Vehicle, matrix, si
 from .pd_law import PdLaw, known_gains
-from .tables import Channel, LogTable, channel_names, told_apart
+from .tables import Channel, LogTable, channel_names, told_apart, values_of
 from .unusable import UnmatchedChannels
 
 NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -351,12 +351,18 @@ def _source(
 def _ordered(mapping: Map, names: Sequence[str]) -> list[Joint]:
     """The columns of joints in their order, after the swaps of a map."""
     joints = mapping.joints
+    order = mapping.order.joints
+    if order and sorted(order) != sorted(names):
+        known = f"The robot's actuated joints are {', '.join(names)}."
+        raise InvalidInput("map: order.joints", "every joint once", ", ".join(order), known)
+    if order:
+        joints = {true: mapping.joints[name] for name, true in zip(names, order, strict=True)}
     for what in ("position", "velocity", "command"):
         swaps = getattr(mapping.order, what)
         for joint in {*swaps, *swaps.values()} - set(names):
             known = f"The robot's actuated joints are {', '.join(names)}."
             raise InvalidInput(f"map: order.{what}", "joints of the robot", joint, known)
-        taken = {joint: getattr(mapping.joints[other], what) for joint, other in swaps.items()}
+        taken = {joint: getattr(joints[other], what) for joint, other in swaps.items()}
         joints = joints | {j: replace(joints[j], **{what: column}) for j, column in taken.items()}
     return [joints[name] for name in names]
 
@@ -410,6 +416,12 @@ def _of_vehicle(
     if vehicle is not None and vehicle.euler is not None:
         angles = [replace(column, unit=vehicle.euler_unit) for column in parts[0][-3:]]
         positions = (*positions[:-3], *(_source("position", c, angle=True) for c in angles))
+    if vehicle is not None and m == 3:
+        heading = parts[0][-1]
+        unit = vehicle.heading_unit or signals.heading_unit(values_of(heading.column, tables))
+        positions = (*positions[:-1], _source("position", replace(heading, unit=unit), angle=True))
+        if unit == "deg" and vehicle.heading_unit is None:
+            assumed = f"the heading ({heading.column}) is in degrees, judging by its values"
     commands = tuple(
         _source(
             "command",

@@ -349,7 +349,7 @@ def _imu(grid: Array, log: Cleaned, findings: list[Finding]) -> Array | None:
     if imu is None:
         return None
     raw = [signals.resample(log.of(s), grid) + s.column.zero for s in imu.sources]
-    readings, said = read_imu(imu, np.column_stack(raw))
+    readings, said = read_imu(imu, grid, np.column_stack(raw))
     findings += [finding for finding in said if finding not in findings]
     return readings
 

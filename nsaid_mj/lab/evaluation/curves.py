@@ -220,7 +220,7 @@ def _motion(run: Run, rows: Indices) -> list[Panel]:
     error = _recorded("velocity_error", "Velocity error Δv: predicted − measured", f"Δv [{units}]")
     error.add_columns(t, record["v_hat"][rows] - v, [f"Δ{name}" for name in system.velocity_names])
     velocity = _recorded("velocity", "Measured velocity", f"v [{units}]")
-    velocity.add_columns(t, v, system.velocity_names)
+    velocity.add_columns(t, v, system.velocity_names, ("measured",))
     command = _recorded("command", "Command", "u [–]")
     command.add_columns(t, record["u"][rows], system.command_names)
     excitation = _recorded("excitation", "Persistence of excitation over a window", "ε₀ [N·m·s]")

@@ -124,7 +124,7 @@ class LiveRecording(Observer):
         if camera and mounts_of(system):
             self._arrows = Arrows(system, camera.size, rows, self._space.scale)
         magnified = self._arrows.magnified if self._arrows else None
-        drawn = drawing_words("Forces: estimated (orange)" if self._arrows else "", magnified)
+        drawn = drawing_words("Estimated (orange): forces" if self._arrows else "", magnified)
         layout = live_blueprint(self._space, camera, drawn)
         address = self._open() if has_display() else self._serve()
         rec = rr.RecordingStream(application(f"{self._name} live"))

@@ -69,7 +69,7 @@ def record(
     commands = [panel for panel in curves if isinstance(panel, Panel) and not panel.page]
     efforts = [plots(path(*panel.key), panel.title) for panel in commands]
     layout = whole_blueprint(
-        views_beside(left, rrb.Vertical(*story), "Tracking", [3, 2]),
+        views_beside(left, plots.column(story), "Tracking", [3, 2]),
         plots.grid(efforts, min(2, len(efforts)), "Commands"),
     )
 
