@@ -29,6 +29,12 @@ class Finding:
         return f"{where}{self.text}. {self.remedy}".rstrip()
 
     @staticmethod
+    def gravest_first(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+        """Findings ordered by level."""
+        levels = ("refusal", "warning", "note")
+        return tuple(sorted(findings, key=lambda finding: levels.index(finding.level)))
+
+    @staticmethod
     def refused(findings: Iterable[Finding]) -> bool:
         """Whether one of the findings is a refusal."""
         return any(finding.level == "refusal" for finding in findings)

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from nsaid_mj.report.exit_codes import EXPLAINED, NOT_EXPLAINED
+from nsaid_mj.report import ExitCode
 from tests.support.faulty import CHECKOUT, Heard, shell, strict
 
 
@@ -37,7 +37,7 @@ def give(page: str, words: str) -> tuple[int, Heard]:
 
 def test_a_reader_of_the_paper_checks_its_theorems_on_a_run(folder: Path):
     code, said = give("docs/usage.md", "nsaid verify scalar_rov --out runs/verified")
-    assert code == EXPLAINED
+    assert code == ExitCode.EXPLAINED
     for statement in ("Theorem 1 (70)", "Lemma 1 (74)", "Theorem 2", "(30) in (45)"):
         assert statement in said.out
     found = strict((folder / "runs/verified/verify.json").read_text(encoding="utf-8"))
@@ -47,7 +47,7 @@ def test_a_reader_of_the_paper_checks_its_theorems_on_a_run(folder: Path):
 def test_an_rov_engineer_finds_a_thruster_that_loses_thrust(folder: Path):
     command = 'nsaid run bluerov2 --law efficient --faults "loss 0.4 of 3 at 20 s"'
     code, said = give("README.md", command)
-    assert code == EXPLAINED
+    assert code == ExitCode.EXPLAINED
     assert re.search(r"fault found at 20\.\d s: thrust of thruster 3 lost 40 %", said.out)
     summary = strict((folder / "runs/bluerov2-efficient/summary.json").read_text("utf-8"))
     assert summary["actuator_ratio_error"] < 1e-6
@@ -64,6 +64,6 @@ def test_the_fault_that_the_docs_show_is_what_a_run_prints(folder: Path):
 def test_a_reviewer_finds_an_unmodelled_lag_contradicted(folder: Path):
     command = "run bluerov2 --law efficient --sensors noisy --duration 20"
     code, said = give("docs/results.md", f"nsaid {command} --plant.mismatch.lag 0.05")
-    assert code == NOT_EXPLAINED
+    assert code == ExitCode.NOT_EXPLAINED
     assert "✘ bluerov2: the motion contradicts this structure" in said.out
-    assert shell(*command.split(), "--quiet")[0] == EXPLAINED  # without the lag
+    assert shell(*command.split(), "--quiet")[0] == ExitCode.EXPLAINED  # without the lag

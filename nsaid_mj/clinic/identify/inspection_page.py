@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from rich.console import Console
 
+from ...base import Finding
 from ...core import Array, Log, number
 from ...report import (
     BAD,
@@ -22,7 +23,6 @@ from ...report import (
     Text,
     count,
     extremes,
-    gravest_first,
     png_of,
     print_findings,
     print_page,
@@ -57,7 +57,7 @@ def print_inspection(found: Inspection, console: Console) -> None:
         rest = [Text(f"… and {more} more, which --json lists")] if more > 0 else []
         print_panels([Text(clock), table, *rest], console)
         console.print()
-    print_findings(gravest_first(found.findings), console, codes=True)
+    print_findings(Finding.gravest_first(found.findings), console, codes=True)
 
 
 def result_of(found: Inspection) -> Result:

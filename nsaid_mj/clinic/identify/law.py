@@ -33,7 +33,6 @@ from ...lab import (
     followed,
     misfit_of,
 )
-from ...report import gravest_first
 from ...robots import RobotModel
 from ..logs.recordings import Recordings
 from .choose.cutoff import filter_for
@@ -87,7 +86,7 @@ def with_law(
     report(f"following the log by law {law}")
     with nullcontext(folder) if folder else TemporaryDirectory(prefix="nsaid-mj-") as place:
         along = follow_log(law, found, Path(place))
-    findings = gravest_first((*found.findings, *law_findings(along)))
+    findings = Finding.gravest_first((*found.findings, *law_findings(along)))
     return replace(found, law=along, findings=findings)
 
 

@@ -14,7 +14,7 @@ from ...base import (
     read_input,
 )
 from ...lab import folder_for_results
-from ...report import code_of
+from ...report import ExitCode
 from ...robots import check_model
 from .limits_file import read_limits_file
 
@@ -66,7 +66,7 @@ def _designed_in(folder: Path, name: str, scenario: Scenario, chosen: ToDesign) 
 
     from ...base import installed
     from ...lab import Progress
-    from ...report import print_page, write_html
+    from ...report import print_page
     from .designing import design
     from .experiment import Experiment, own_limits
     from .files import design_document, scenario_of, write_design
@@ -101,7 +101,7 @@ def _designed_in(folder: Path, name: str, scenario: Scenario, chosen: ToDesign) 
         progress.say("trying the experiment on a draw of the prior")
         trial = tried(found)
         page = design_page(name, document, trial, found, folder)
-        written.append(write_html(page, folder))
+        written.append(page.write_html(folder))
         if installed("rerun"):
             from .recording import DESIGN_RECORDING, record_design
 
@@ -110,7 +110,7 @@ def _designed_in(folder: Path, name: str, scenario: Scenario, chosen: ToDesign) 
         print_json(document)
     elif not chosen.quiet:
         print_page(page, Console(highlight=False), written)
-    return code_of(page.result)
+    return ExitCode.of(page.result)
 
 
 def _scenario(chosen: ToDesign) -> Scenario:
