@@ -1,6 +1,6 @@
 """Mapping of a log's channels to a robot's q, v and u."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -359,12 +359,16 @@ def _ordered(mapping: Map, names: Sequence[str]) -> list[Joint]:
         joints = {true: mapping.joints[name] for name, true in zip(names, order, strict=True)}
     for what in ("position", "velocity", "command"):
         swaps = getattr(mapping.order, what)
-        for joint in {*swaps, *swaps.values()} - set(names):
-            known = f"The robot's actuated joints are {', '.join(names)}."
-            raise InvalidInput(f"map: order.{what}", "joints of the robot", joint, known)
+        _check_order(what, swaps, names)
         taken = {joint: getattr(joints[other], what) for joint, other in swaps.items()}
         joints = joints | {j: replace(joints[j], **{what: column}) for j, column in taken.items()}
     return [joints[name] for name in names]
+
+
+def _check_order(what: Quantity, swaps: Mapping[str, str], names: Sequence[str]) -> None:
+    for joint in {*swaps, *swaps.values()} - set(names):
+        known = f"The robot's actuated joints are {', '.join(names)}."
+        raise InvalidInput(f"map: order.{what}", "joints of the robot", joint, known)
 
 
 def _existing(made: Layout, channels: list[str]) -> Layout:
@@ -400,6 +404,10 @@ def _of_vehicle(
         actuators = {name.replace("_", " "): column for name, column in mapping.actuators.items()}
         plain = [name.replace("_", " ") for name in robot.joints]
         _check_vehicle(vehicle, m, n, [name for name in plain if name not in actuators])
+        swaps = mapping.order.command
+        _check_order("command", swaps, robot.joints)
+        taken = {a: actuators[b.replace("_", " ")] for a, b in swaps.items()}
+        actuators |= {a.replace("_", " "): column for a, column in taken.items()}
         parts = [
             [_signed(name, channels) for name in vehicle.pose],
             [
