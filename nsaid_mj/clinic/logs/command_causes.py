@@ -188,13 +188,15 @@ def _turned(motion: LogMotion, robot: RobotModel) -> tuple[list[Finding], LogMot
 def _best_clock(robot: RobotModel, motion: LogMotion) -> tuple[float, float]:
     """The least error of the commands with all times multiplied, and this number.
 
-    Weight does not depend on the clock, inertia does by its square.
+    Weight does not depend on the clock, inertia does by its square: one evaluation serves all.
     """
+    weight, inertia = forces_of(robot, thinned(motion)[1])
 
     def error(logarithm: float) -> float:
         k = float(np.exp(logarithm))
         own = {"slopes": motion.slopes / k, "v": motion.v / k, "a": motion.a / k**2}
-        return misfit(robot, replace(motion, **own, rate=motion.rate / k), 0.0)
+        timed = replace(motion, **own, rate=motion.rate / k)
+        return misfit(robot, timed, 0.0, force=weight + inertia / k**2)
 
     grid = np.log(_TIMES)
     errors = [error(x) for x in grid]
