@@ -15,7 +15,18 @@ from . import matching, signals
 from .evidence import limits
 from .flight import flight_map
 from .imu import ImuColumns, imu_columns
-from .mapping import ChannelSource, ColumnMap, Factors, Joint, Map, Quantity, Vehicle, matrix, si
+from .mapping import (
+    ChannelSource,
+    ColumnMap,
+    Factors,
+    Joint,
+    Map,
+    Pd,
+    Quantity,
+    Vehicle,
+    matrix,
+    si,
+)
 from .pd_law import PdLaw, known_gains
 from .tables import Channel, LogTable, channel_names, told_apart, values_of
 from .unusable import UnmatchedChannels
@@ -143,6 +154,24 @@ class Layout(NamedTuple):
 
 def _mixed(raw: Array, matrix: Array | None) -> Array:
     return raw if matrix is None else raw @ matrix.T
+
+
+def with_servos(mapping: Map, robot: RobotModel, tables: Sequence[LogTable]) -> Map:
+    """The map, with [pd] if a robot that walks under its file's position servos logs their targets.
+
+    Under contact a servo's targets cannot be simulated, while its torques are known but for kp.
+    """
+    channels = channel_names(tables)
+    servos = robot.servos is not None and mapping.pd is None
+    if not servos or imu_columns(mapping, channels, robot.walks) is None:
+        return mapping
+    joints = [name for name in matching.named(robot) if name in robot.leaders]
+    stated = mapping.joints.values()
+    if any(joint.command is not None and joint.command.is_position for joint in stated):
+        return replace(mapping, pd=Pd())
+    if not stated and matching.match_targets(channels, joints):
+        return replace(mapping, pd=Pd())
+    return mapping
 
 
 def layout(
