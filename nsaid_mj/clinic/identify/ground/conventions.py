@@ -61,10 +61,8 @@ class _Motion(NamedTuple):
         spin[:, 3:7] = (Rotation.from_quat(self.q[:, 3:7]) * Rotation.from_matrix(turn.T)).as_quat()
         moved = []
         for x in (self.v, self.a):
-            x = x.copy()
-            x[:, :3] = x[:, :3] @ turn.T
-            x[:, 3:6] = x[:, 3:6] @ turn.T
-            moved.append(x)
+            base = [x[:, :3] @ turn.T, x[:, 3:6] @ turn.T]
+            moved.append(np.hstack([*base, x[:, 6:]]))
         return _Motion(spin, *moved, self.u)
 
 
