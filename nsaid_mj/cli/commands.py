@@ -265,7 +265,8 @@ def _carry_out(
 
             command += f" --excitation {given}"
             scenario = replace(scenario, excitation=designed(scenario, given, progress))
-        finished = run(scenario, folder, progress, *watchers)
+        # `folder_for` has asked for --force if there is a run
+        finished = run(scenario, folder, progress, *watchers, force=True)
         return title, finished, _finish(finished, progress.say, command), output
 
 

@@ -21,17 +21,8 @@ from .exit_codes import code_of as code_of
 # Names of the online excitation levels.
 from .labels import EXCITATION_LEVELS as EXCITATION_LEVELS
 
-# Names of the commands: those of the joints where there is one for each.
-from .labels import command_names as command_names
-
-# The unit of the generalised force of each velocity.
-from .labels import force_units as force_units
-
 # The parameters by block and unit.
 from .labels import groups as groups
-
-# Names of the velocities, or of their errors, with units and the prefix `mark`.
-from .labels import velocity_names as velocity_names
 
 # Name of the file of a page.
 from .page import REPORT_FILE as REPORT_FILE

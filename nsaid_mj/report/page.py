@@ -22,6 +22,8 @@ from .result import LEVELS, Mark, Result, gathered
 
 REPORT_FILE = "report.html"
 _TEMPLATES = Path(__file__).parent / "templates"
+_ROOM = 88  # of a table on a recording's first page [characters], and between two columns
+_GAP = 1
 _EMPTY: set[object] = {"", ABSENT}
 
 DARK = (
@@ -112,6 +114,21 @@ class Table:
             text=[at[k] for k in self.text if k in at],
             spare=[at[k] for k in self.spare if k in at],
         )
+
+    def columns_within(self, room: float, widths: Sequence[int]) -> list[int]:
+        """Indices of the columns that stand side by side: all, or as many as there is room for.
+
+        The `spare` ones are left out first, then those on the right.
+
+        Args:
+            room: width of the table [characters].
+            widths: of the columns, with the space between two [characters].
+        """
+        shown = list(range(len(widths)))
+        order = [*self.spare, *(k for k in reversed(shown) if k not in self.spare and k)]
+        while order and sum(widths[k] for k in shown) > room:
+            shown.remove(order.pop(0))
+        return shown
 
 
 @dataclass(frozen=True)
@@ -262,7 +279,7 @@ def markdown(page: Page) -> str:
     for section in page.sections:
         if section.brief and (shown := in_brief(section.panels)):
             lines += ["", *([f"### {plain(section.title)}", ""] if section.title else [])]
-            lines += item_lines(shown)
+            lines += item_lines([_narrow(p) if isinstance(p, Table) else p for p in shown])
     lines += ["", "### Notes", "", *notes] if notes else []
     return "\n".join(lines) + "\n"
 
@@ -294,14 +311,31 @@ def item_lines(some: Sequence[PageItem]) -> list[str]:
     return lines
 
 
+def _narrow(table: Table) -> Table:
+    """A table as wide as a recording's first page has room for; the report has all of it."""
+    cells = [[_cell(cell, links=False) for cell in line] for line in table.lines]
+    rows = [list(table.heads), *(line for line in cells if len(line) > 1)]
+    widths = [max(map(len, column)) + _GAP for column in zip(*rows, strict=True)]
+    kept = table.columns_within(_ROOM, widths)
+    return replace(
+        table,
+        heads=[table.heads[k] for k in kept],
+        lines=[[line[k] for k in kept] if len(line) > 1 else line for line in cells],
+    )
+
+
 def _row(cells: Sequence[str]) -> str:
     return f"| {' | '.join(map(plain, cells))} |"
 
 
-def _cell(cell: Cell) -> str:
-    if isinstance(cell, Mark | Link):
+def _cell(cell: Cell, links: bool = True) -> str:
+    if isinstance(cell, Link):
+        return cell.text if links else ""
+    if isinstance(cell, Mark):
         return cell.text
-    return " ".join(map(_cell, cell)) if isinstance(cell, tuple) else str(cell)
+    if isinstance(cell, tuple):
+        return " ".join(filter(None, (_cell(part, links) for part in cell)))
+    return str(cell)
 
 
 def plain(text: str) -> str:

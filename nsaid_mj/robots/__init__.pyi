@@ -90,9 +90,6 @@ from .model import RobotModel as RobotModel
 # Position servos on k joints: force = kp (u − q) − kv q̇.
 from .model import Servos as Servos
 
-# The links of a tree of joints, with one command for each joint, but no force on any.
-from .model import links_of as links_of
-
 # The geom types that `of_geom` supports.
 from .shapes import DRAWN as DRAWN
 

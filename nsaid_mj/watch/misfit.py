@@ -35,6 +35,7 @@ from scipy.special import gammaincc
 
 from ..core import (
     Array,
+    Cone,
     Confidence,
     EfficientState,
     Indices,
@@ -42,10 +43,8 @@ from ..core import (
     Log,
     ParameterSpace,
     State,
-    cone_of,
     drawn_inside,
     gain_deviations,
-    inside,
 )
 from .drift import walks
 from .replay import Replay, replay
@@ -180,7 +179,7 @@ def _sound(space: ParameterSpace, theta: Array, prior: Array) -> Array:
     k = space.actuators
     theta = theta.copy()
     theta[k] = np.where(theta[k] == 0, prior[k], np.copysign(theta[k], prior[k]))
-    if inside(cone_of(space), theta):
+    if Cone.of(space).contains(theta):
         return theta
     return drawn_inside(space, theta, 0.0, np.random.default_rng(0))
 

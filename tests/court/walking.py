@@ -19,7 +19,7 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
-from nsaid_mj.core import ContactPoint, contact_jacobians, rebuilt
+from nsaid_mj.core import ContactPoint, contact_jacobians
 from nsaid_mj.lab.control.gait import Gait
 from nsaid_mj.lab.control.walking import Walk
 from nsaid_mj.robots import load_robot, load_tree, tree_spec
@@ -423,7 +423,7 @@ def _simulated(
     ticks = np.arange(count * every + 1) * _CONTROL
     walk = Walk(stance=tuple(size.q), **legged.walk)
     structure = replace(robot.system.structure, contacts=tuple(size.feet))
-    system = rebuilt(robot.system, structure, robot.system.space)
+    system = robot.system.rebuilt(structure, robot.system.space)
     targets = Gait(walk, system, what.seed)(ticks)
     data.qpos[at] = size.q
     data.qpos[:3] = [0.0, 0.0, size.height * (2 if what.on_stand else 1)]

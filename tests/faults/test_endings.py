@@ -369,7 +369,7 @@ def test_no_ending_affects_the_next_run(tmp_path: Path) -> None:
     for which in ("arm diverges", "arm's velocity NaN"):
         with pytest.MonkeyPatch.context() as patch, heard():
             FAULTS[which].patch(patch)
-            run(FAULTS[which].scenario, tmp_path / "broken")
+            run(FAULTS[which].scenario, tmp_path / "broken", force=True)
     with pytest.raises(KeyboardInterrupt), pytest.MonkeyPatch.context() as patch:
         patch.setattr(TORQUE, "start", lambda self: ctrl_c())
         result = run(PENDULUM, tmp_path / "stopped")

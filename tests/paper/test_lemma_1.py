@@ -11,7 +11,7 @@ from nsaid_mj.core.laws.nullspace_aid import paper_identifier
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.nullspace.persistence import level
 from nsaid_mj.core.parameters import Array, Block, ParameterSpace
-from nsaid_mj.core.structure.parts import Body, Column, Inertia, tied
+from nsaid_mj.core.structure.parts import Body, Column, Inertia
 from nsaid_mj.core.structure.structure import Structure
 from nsaid_mj.core.structure.system import SecondOrderSystem
 from tests.support.bench import accelerations, columns
@@ -65,7 +65,7 @@ class Cart(SecondOrderSystem):
     def __init__(self):
         mass = Block("mass", ("mass",), ("kg",), np.ones(1))
         gain = Block("gain", ("gain",), ("N",), np.ones(1), actuator=True)
-        heavy = Inertia(0, 0, tied([(i, i, 0, 1.0) for i in range(3)]))
+        heavy = Inertia.tied([(i, i, 0, 1.0) for i in range(3)])
         pushed = Column("motor", 1, dof=0, input=0)
         structure = Structure([Body("slide")], [heavy], [pushed], 2, 1)
         super().__init__(structure, ParameterSpace((mass, gain)))

@@ -12,7 +12,6 @@ from nsaid_mj.core.nullspace.persistence import level
 from nsaid_mj.core.nullspace.subspace import structural
 from nsaid_mj.core.paper import Bases, Moment
 from nsaid_mj.core.parameters import Array
-from nsaid_mj.core.structure.sensing import displaced
 from nsaid_mj.lab.evaluation.lyapunov import lyapunov
 from nsaid_mj.lab.record import Record
 from tests.support.bench import Bench, bench
@@ -82,7 +81,7 @@ def test_44_45_a_step_of_the_law_is_that_of_the_paper(table: Bench):
         K = positive_definite(np.full(system.n, 5.0), rng)
         Gamma = positive_definite(0.1 * system.space.scale**2, rng)
         after = (
-            displaced(system, q, dt * v),
+            system.displaced(q, dt * v),
             v + 0.01 * np.abs(v).max() * rng.standard_normal(len(v)),
         )
         log = Log(

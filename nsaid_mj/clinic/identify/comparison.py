@@ -16,7 +16,6 @@ from ...core import (
     JointScales,
     SensorLevels,
     drawn_inside,
-    positions,
 )
 from ...lab import BUDGET, Problem, sysid, toolbox
 from ...robots import (
@@ -260,7 +259,7 @@ def by_toolbox(
     system = CompiledMultibody(robot.model, scales, speeds)
     logs = [delayed(s, made.delays).log for s in recordings.segments]
     sign = np.sign(robot.gain)
-    logs = [log._replace(q=positions(robot.model, log.q), u=log.u * sign) for log in logs]
+    logs = [log._replace(q=robot.system.position(log.q), u=log.u * sign) for log in logs]
     theta, _ = sysid(Problem(system, logs[0], prior, _NOISY), budget, logs[1:])
     rotor, viscous, coulomb, gain = theta[-4 * n :].reshape(4, n)
     model = with_inertias(robot.model, theta[: -4 * n].reshape(-1, 10), rotor)

@@ -144,9 +144,12 @@ def _followed(result: Identification, values: Identified) -> Finding:
         text += "moment earlier or later than the real one, and from then on the motions have "
         text += "nothing to do with each other; the errors above are those of its forces"
         return Finding("note", "replay", "", text)
+    loaded = result.fitted.made.loaded  # the exported model carries none
+    bare = tuple(s for s in result.recordings.segments if s.source not in loaded)
+    recordings = replace(result.recordings, segments=bare)
     try:
         exported, nominal = (
-            replay(result.robot, own, result.recordings)
+            replay(result.robot, own, recordings)
             for own in (values, Identified.nominal(result.robot))
         )
     except NsaidError as error:
@@ -155,8 +158,9 @@ def _followed(result: Identification, values: Identified) -> Finding:
     figures = ", ".join(f"{name} {_figure(own)} ({_figure(file)})" for name, own, file in rows)
     worse = ", ".join(name for name, own, file in rows if own > file)
     text = (
-        "rms error of MuJoCo over windows of 0.2 s, driven by the log's commands [rad or m], with "
-        f"the exported model (in brackets: with the original model file): {figures}"
+        "rms error of MuJoCo over windows of 0.2 s, driven by the log's commands"
+        f"{' without the load' if loaded else ''} [rad or m], with the exported "
+        f"model (in brackets: with the original model file): {figures}"
     )
     remedy = f"The exported model is worse at {worse}." if worse else ""
     data = {"exported": exported.tolist(), "nominal": nominal.tolist()}

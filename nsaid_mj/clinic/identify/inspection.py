@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base import Finding
-from ...core import position_labels, velocity_labels
 from ...robots import RobotModel
 from ..logs import signals
 from ..logs.checks import checks
@@ -15,6 +14,7 @@ from ..logs.mapping import Map
 from ..logs.preparation import prepare
 from ..logs.recordings import Recordings
 from ..logs.tables import Channel, LogTable
+from ..logs.unnamed import unnamed, unnamed_in_words
 from ..logs.unusable import UnmatchedChannels, UnusableLog
 
 _ALONE = Finding(
@@ -88,8 +88,13 @@ def inspect(
                     findings += (_ALONE,)
         except UnmatchedChannels as error:
             text = f"cannot determine which channels are {', '.join(error.missing)}"
-            text += f". {' '.join(error.reasons)}".rstrip(".")
+            reasons = error.reasons
             remedy = "Complete map.toml by hand and pass it with --map."
+            leaders = [joint for joint in robot.joints if joint in robot.leaders]
+            if robot.jointed and (told := unnamed(tables, leaders)):
+                reasons = (unnamed_in_words(told),)
+                remedy = "Check what map.toml says of them, complete it, and pass it with --map."
+            text += f". {' '.join(reasons)}".rstrip(".")
             findings += (Finding("warning", "unmatched", "", text, remedy),)
         except UnusableLog as error:
             findings = error.findings
@@ -178,8 +183,8 @@ def signal_names(robot: RobotModel) -> dict[str, list[tuple[str, str]]]:
     v = robot.joints
     units = list(robot.units)
     if not robot.jointed:
-        q = position_labels(system)
-        v = velocity_labels(system)
+        q = system.position_labels
+        v = system.velocity_labels
     if system.group == 6:  # its attitude is a quaternion
         units[3:6] = [""] * 4
     return {

@@ -183,8 +183,7 @@ def joint_pages(
     errors = [-error if math.isfinite(error) else -math.inf for _, _, error, _ in joints]
     worst = sorted(np.argsort(errors, kind="stable")[:_FIRST].tolist())
     columns = 1 if len(worst) < 4 else 2
-    views = [plots(entity, title, RIGHT / columns) for entity, title in (shown[j] for j in worst)]
-    grid = rrb.Grid(*views, grid_columns=columns)
+    grid = plots.grid([plots(*shown[j], RIGHT / columns) for j in worst], columns)
     pages: list[rrb.Container] = [views_beside(left, grid, "Overview", [1, 1])]
     if len(joints) > _FIRST:
         pages += paged(f"{entity.capitalize()}s", plots, shown)
@@ -209,7 +208,7 @@ def paged(
         width = 1 / columns_of(len(shown))
         views = [plots(entity, told, width, legend) for entity, told in some]
         title = name if len(shown) <= _PAGE else f"{name} {start + 1} – {start + len(some)}"
-        pages.append(rrb.Grid(*views, grid_columns=columns_of(len(some)), name=title))
+        pages.append(plots.grid(views, columns_of(len(some)), title))
     return pages
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...base import Finding, pin, refused
-from ...core import Array, number, positions, rounded, slides
+from ...core import Array, number, rounded
 from ...robots import RobotModel
 from .causes import CLEAR, DEGREES, velocity_causes
 from .command_causes import command_causes
@@ -95,7 +95,7 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
             found += convention_findings(floating(robot), recordings)
         return _first_clocks(found)
     if not refused(f for f in found if f.code in ("beyond_limits", "degrees", "motor_side")):
-        found += command_causes(motion, robot)
+        found += command_causes(motion, robot, timed=bool(measured))
     if not robot.weightless and not refused(found):
         found += _large_commands(motion, recordings, robot)
     return _first_clocks(found)
@@ -179,7 +179,7 @@ def beyond_limits(q: Array, speeds: Array, robot: RobotModel) -> list[Finding]:
         least = float(q[:, j].min())
         most = float(q[:, j].max())
         data = {"range": [least, most], "limits": [low, high]}
-        slide = slides(robot.model.joints[robot.model.getJointId(name)])
+        slide = robot.system.slides[j]
         unit = "m" if slide else "rad"
         reach = f"the position goes from {least:.3g} to {most:.3g} {unit}"
         if not np.isfinite([low, high]).all():
@@ -265,7 +265,7 @@ def _large_commands(motion: LogMotion, recordings: Recordings, robot: RobotModel
     model = robot.model
     data = robot.model.createData()
     accelerations = np.gradient(motion.v, 1 / recordings.rate, axis=0)
-    some = (positions(model, motion.q), motion.v, accelerations)
+    some = (robot.system.position(motion.q), motion.v, accelerations)
     rows = zip(*(x[:: len(motion.q) // _ROWS or 1] for x in some), strict=True)
     torques = np.array([pin.rnea(model, data, *row) for row in rows])  # without friction
     size = _rms(motion.u)

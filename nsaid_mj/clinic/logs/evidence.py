@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from ...base import pin
-from ...core import Array, positions
+from ...core import Array
 from ...robots import RobotModel
 from . import signals
 from .recordings import Recordings
@@ -141,7 +141,7 @@ def forces_of(
     data = model.createData()
     whole = np.empty(motion.v.shape)
     weight = np.empty(motion.v.shape)
-    rows = zip(positions(model, motion.q), motion.v, motion.a, strict=True)
+    rows = zip(robot.system.position(motion.q), motion.v, motion.a, strict=True)
     for k, (q, v, a) in enumerate(rows):
         whole[k] = pin.rnea(model, data, q, v, a)
         weight[k] = pin.computeGeneralizedGravity(model, data, q)

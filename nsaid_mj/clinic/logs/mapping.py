@@ -4,7 +4,7 @@ import os
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import field, replace
 from math import pi
 from typing import Annotated, Any, Literal, NamedTuple, cast
 
@@ -312,8 +312,8 @@ def _nonzero(factor: float) -> float:
     return factor
 
 
-Factor = Annotated[Number, AfterValidator(_nonzero)] | Unit
-"""A factor of a joint's values, or the unit in which they are."""
+Factor = Annotated[Number, AfterValidator(_nonzero)] | Unit | Literal["range"]
+"""A factor of a joint's values, or the unit in which they are where its line states none."""
 
 PerJoint = Factor | dict[str, Factor]
 """One for all joints, or some joints' own by name."""
@@ -321,27 +321,45 @@ PerJoint = Factor | dict[str, Factor]
 
 @config
 class Factors:
-    """Signs, factors and units of whole logs, besides those of the columns of each joint."""
+    """Signs, factors and units of whole logs, besides what the line of each joint states."""
 
-    position: PerJoint = 1.0
+    position: PerJoint = 1.0  # a unit is also that of targets
     velocity: PerJoint = 1.0
     command: PerJoint = 1.0
 
     def of(self, quantity: Quantity, joint: str) -> float:
-        """The factor of a joint's position, velocity or command.
+        """The factor of a joint's position, velocity or command; 1 if it is a unit."""
+        value = self._of(quantity, joint)
+        return 1.0 if isinstance(value, str) else float(value)
+
+    def with_unit(
+        self, quantity: Quantity, joint: str, column: ColumnMap, ends: Points | None = None
+    ) -> ColumnMap:
+        """The column of a joint, in the unit of all if its own line and name state none.
+
+        `ends` are the positions that the ends of its "range" stand for; None without limits.
 
         Raises:
-            InvalidInput: the unit does not belong to such a quantity.
+            InvalidInput: the unit does not belong to such a quantity, or joint.
         """
+        unit = self._of(quantity, joint)
+        if not isinstance(unit, str) or column.points or column.unit_as(quantity):
+            return column
+        known = [name for name in FACTORS[quantity] if not name.startswith("ticks")]
+        if unit == "range" and ends is not None:
+            return replace(column, points=ends)
+        if unit not in known:
+            expected = f"a number, or one of {', '.join(known)}"
+            where = f"map: factors.{quantity}"
+            if quantity == "position":
+                expected += "; range, of joints with limits in the model file"
+                where += f" of {joint}"
+            raise InvalidInput(where, expected, unit, "Correct map.toml.")
+        return replace(column, unit=cast(Any, unit))
+
+    def _of(self, quantity: Quantity, joint: str) -> float | str:
         given = getattr(self, quantity)
-        value = given.get(joint, 1.0) if isinstance(given, dict) else given
-        if not isinstance(value, str):
-            return float(value)
-        if value not in FACTORS[quantity] or value.startswith("ticks"):
-            known = ", ".join(unit for unit in FACTORS[quantity] if not unit.startswith("ticks"))
-            expected = f"a number, or one of {known}"
-            raise InvalidInput(f"map: factors.{quantity}", expected, value, "Correct map.toml.")
-        return FACTORS[quantity][value]
+        return given.get(joint, 1.0) if isinstance(given, dict) else given
 
 
 @config
@@ -375,8 +393,9 @@ class Vehicle:
     A `-` before a column's name reverses its sign.
     """
 
-    # x, y, z [m], left out to integrate `linear`; x, y and heading [rad] of a vehicle in the plane
+    # x, y, z [m], left out to integrate `linear`; x, y and heading of a vehicle in the plane
     position: Three | None = None
+    heading_unit: Literal["rad", "deg"] | None = None  # in the plane; None to judge by its values
     quaternion: Four | None = None  # from body to world; not used in the plane
     # roll, pitch and yaw instead, the turns about x, y' and z'' from the world's axes to the
     # body's, yaw first

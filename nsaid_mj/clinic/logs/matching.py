@@ -24,7 +24,7 @@ WORDS: dict[Quantity, frozenset[str]] = {
     "velocity": _set("velocity velocities vel dq qd v qdot speed spd omega qvel dtheta"),
     "command": _set(
         "effort efforts torque torques tau current currents cur curr i u cmd command ctrl control "
-        "force moment voltage pwm esc throttle amps"
+        "force moment voltage pwm esc throttle thr thrust thruster amps"
     ),
 }
 _OTHER = _set("acceleration acc accel ddq qdd error err temperature temp status mode limit")
@@ -356,6 +356,11 @@ def words(name: str) -> list[str]:
     """A name's words in lower case; digits are separate words."""
     spaced = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
     return re.findall(r"[a-z]+|\d+", spaced.lower())
+
+
+def is_gripper(joint: str) -> bool:
+    """Whether a joint is a gripper, whose position LeRobot counts from 0 to 100."""
+    return bool({"gripper", "jaw"} & set(words(joint)))
 
 
 def _joint_of(found: list[str], joints: Sequence[str]) -> tuple[str, list[str]]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...base import Finding
-from ...core import Array, Log, velocity_labels
+from ...core import Array, Log
 from ...robots import RobotModel
 from . import signals
 from .causes import gross_clock
@@ -305,7 +305,7 @@ def _phases(
 
 def _differentiated(made: Layout, robot: RobotModel, rate: float, source: str) -> list[Finding]:
     """A note of the velocities that the log does not have, but its positions."""
-    names = robot.leaders if robot.jointed else velocity_labels(robot.system)
+    names = robot.leaders if robot.jointed else robot.system.velocity_labels
     missing = [j for j, v in zip(names, made.velocities, strict=False) if v is None]
     if made.turns_only:
         missing = missing[3:]

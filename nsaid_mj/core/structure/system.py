@@ -14,7 +14,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from copy import copy
 from functools import cached_property
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,10 +23,11 @@ from ...base import InvalidInput
 from ..log import Log, Measurement
 from ..parameters import Array, Indices, ParameterSpace, finite
 from .arrays import StructureArrays
-from .configuration_space import StructuredKinematics, plain
+from .configuration_space import plain
 from .contacts import eliminated_balance, without_contact_forces
 from .motion import Motion, accelerate_at, along, balance, write_motion
 from .regressor import write_regressors
+from .sensing import SensedKinematics
 from .structure import Structure
 
 _TOGETHER = 64  # samples whose mass matrices are computed together
@@ -40,7 +41,7 @@ class Stage(NamedTuple):
     pivot: float  # smallest pivot of M̂'s factorisation, > 0 where M̂ is positive definite
 
 
-class SecondOrderSystem(StructuredKinematics, ABC):
+class SecondOrderSystem(SensedKinematics, ABC):
     """M(x, θ) v̇ + C(x, θ) v = F(t, x, u) θ (4), linear in θ (8, 9), with Ṁ − 2C skew.
 
     Args:
@@ -72,6 +73,36 @@ class SecondOrderSystem(StructuredKinematics, ABC):
     def forward(self) -> StructureArrays | None:
         """The structure, for compiled simulation; None where the regressors are not its own."""
         return self.structure.arrays if self.reference is None else None
+
+    def rebuilt(self, structure: Structure, space: ParameterSpace | None = None) -> Self:
+        """A copy with another structure of the same joints, and with its parameters.
+
+        Without `space` the parameters are this system's.
+        """
+        made = copy(self)
+        vars(made).pop("p", None)  # they are cached, and another structure has others
+        vars(made).pop("gains_by_command", None)
+        SecondOrderSystem.__init__(made, structure, space or self.space, self.mounts)
+        return made
+
+    @cached_property
+    def gains_by_command(self) -> list[Indices]:
+        """For each command, the indices of its gains: the actuator parameters whose force it moves.
+
+        They are found by changing one command at a time at a random state in the range of
+        operation.
+        """
+        rng = np.random.default_rng(0)
+        found = []
+        q, v, u = self.random_state(rng)
+        others = self.random_state(rng)[2]
+        x = np.concatenate([q, v])
+        for k in range(self.n_u):
+            other = u.copy()
+            other[k] = others[k]
+            moved = (self.F(0.0, x, u) != self.F(0.0, x, other)).any(axis=0)
+            found.append(self.space.actuators[moved[self.space.actuators]])
+        return found
 
     # -- along a log -----------------------------------------------------------------------------
 
@@ -349,35 +380,6 @@ def _batched(
     samples = [np.broadcast_to(array, batch + end).reshape(-1, *end) for array, end in pairs]
     found = function(*samples)
     return found.reshape(batch + found.shape[1:])
-
-
-_System = TypeVar("_System", bound=SecondOrderSystem)
-
-
-def rebuilt(system: _System, structure: Structure, space: ParameterSpace) -> _System:
-    """A copy of a system with another structure of the same joints, and with its parameters."""
-    made = copy(system)
-    vars(made).pop("p", None)  # it is cached, and another structure has other parameters
-    SecondOrderSystem.__init__(made, structure, space, system.mounts)
-    return made
-
-
-def gains_by_command(system: SecondOrderSystem) -> list[Indices]:
-    """For each command, the indices of its gains: the actuator parameters whose force it affects.
-
-    They are found by changing one command at a time at a random state in the range of operation.
-    """
-    rng = np.random.default_rng(0)
-    found = []
-    q, v, u = system.random_state(rng)
-    others = system.random_state(rng)[2]
-    x = np.concatenate([q, v])
-    for k in range(system.n_u):
-        other = u.copy()
-        other[k] = others[k]
-        moved = (system.F(0.0, x, u) != system.F(0.0, x, other)).any(axis=0)
-        found.append(system.space.actuators[moved[system.space.actuators]])
-    return found
 
 
 def checked(system: SecondOrderSystem, measurement: Measurement) -> Measurement:

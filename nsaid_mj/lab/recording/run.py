@@ -120,7 +120,8 @@ class RobotDrawing:
             return drawing_words("")
         white = "nominal (white), " if self._truth is None else "true (white), "
         white = white if self._truth is not None or self._links else ""
-        drawn = f"{' and '.join(kinds).capitalize()}: {white}estimated (orange)"
+        drawn = f"{white}estimated (orange): {' and '.join(kinds)}"
+        drawn = drawn[0].upper() + drawn[1:]  # colours first: a narrow view cuts its title
         return drawing_words(drawn, self._efforts.magnified if self._efforts else None)
 
     def log(self, rec: rr.RecordingStream) -> None:

@@ -20,12 +20,7 @@ from ...core import (
     ParameterSpace,
     SecondOrderSystem,
     carrier,
-    cone_of,
-    gains_by_command,
-    gradient_and_hessian,
     point_mass,
-    sensor_labels,
-    sensor_units,
     submerged,
 )
 from .evidence import Jump
@@ -150,7 +145,7 @@ def _named(system: SecondOrderSystem, k: Sequence[int] | Indices) -> tuple[str, 
 
 def _gains(system: SecondOrderSystem) -> Iterator[tuple[int, Indices, str, tuple[str, ...]]]:
     """Every actuator that has gains: its command; their indices, their part, and their names."""
-    for command, k in enumerate(gains_by_command(system)):
+    for command, k in enumerate(system.gains_by_command):
         if len(k):
             part = " and ".join(system.space.labels[i] for i in k)
             yield command, k, part, _named(system, k)
@@ -269,7 +264,7 @@ def _payloads(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
         mean = np.zeros(system.p)  # of the ball's radius
         square = (mass / _DENSITY) ** (2 / 3)
         mean[place] = mass * np.r_[1.0, np.zeros(3), square * np.array([1, 0, 1, 0, 0, 1])]
-        found.append(loaded(found[0], cone_of(space), space.scale, theta, mean / space.scale))
+        found.append(loaded(found[0], Cone.of(space), space.scale, theta, mean / space.scale))
     return found
 
 
@@ -297,7 +292,7 @@ def loaded(load: Hypothesis, cone: Cone, scale: Array, theta: Array, mean: Array
     place = np.flatnonzero(mean)
     first = place[0]
     last = place[-1] + 1
-    _, metric = gradient_and_hessian(cone, theta + scale * mean)
+    _, metric = cone.derivatives(theta + scale * mean)
     units = np.outer(scale, scale)[first:last, first:last]
     root = np.linalg.cholesky(metric[first:last, first:last] * units)
     D = np.zeros((len(theta), last - first))
@@ -308,12 +303,10 @@ def loaded(load: Hypothesis, cone: Cone, scale: Array, theta: Array, mean: Array
 
 def _biases(system: SecondOrderSystem) -> list[Hypothesis]:
     """A constant error of every sensor."""
-    labels = sensor_labels(system)
-    units = sensor_units(system)
     n = system.n
     found = []
     none = np.zeros((system.p, 0))
-    for i, (label, unit) in enumerate(zip(labels, units, strict=True)):
+    for i, (label, unit) in enumerate(system.sensors):
         name = f"{'position' if i < n else 'velocity'} {1 + i % n}"  # as faults are written
         found.append(Hypothesis("bias", label, (name,), none, np.zeros(0), unit, channel=i))
     return found

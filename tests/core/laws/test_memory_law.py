@@ -23,7 +23,6 @@ from nsaid_mj.core.log import EXACT, Measurement, SensorLevels
 from nsaid_mj.core.log import Log as Measured
 from nsaid_mj.core.nullspace.subspace import Nullspace, structural
 from nsaid_mj.core.parameters import Array
-from nsaid_mj.core.quotient import cone as geometry
 from nsaid_mj.core.quotient.cost import Quotient, Remembered
 from nsaid_mj.lab.control.driver import Driver
 from nsaid_mj.lab.evaluation.confidence import KnownDirections, known
@@ -130,7 +129,7 @@ def test_a_step_lowers_its_objective_and_v_at_any_size(name, pace):
             assert found is not None
             cost = found.weighted(theta)
             ahead, seen = stepper(law).implicit_step(theta, memory)
-            assert seen.scores.view is not None and geometry.inside(law.metric.cone, ahead)
+            assert seen.scores.view is not None and law.metric.cone.contains(ahead)
             old, new = (
                 reach * cost.value(x) + float(law.divergence(x, theta)) / law.metric.mu
                 for x in (theta, ahead)
@@ -225,7 +224,7 @@ def test_a_start_far_off_stays_in_the_cone_and_converges(name, seed):
     log = driven(name, 20.0)
     law = build(name, inside(log, seed, 1.0))
     state, made = followed(law, log.rows)
-    assert all(geometry.inside(law.metric.cone, theta) for theta in made.theta_hat)
+    assert all(law.metric.cone.contains(theta) for theta in made.theta_hat)
     assert distance(name, law.prior) > 0.1
     assert distance(name, state.theta_hat) < 1e-3
 
@@ -311,7 +310,7 @@ def test_unexcited_directions_stay_bounded_under_noise(anchor):
     for seed in range(3):
         law = build("bluerov2", inside(log, seed), NOISE.levels, anchor=anchor)
         end, made = followed(law, noisy(log, NOISE, seed).rows)
-        assert all(geometry.inside(law.metric.cone, theta) for theta in made.theta_hat)
+        assert all(law.metric.cone.contains(theta) for theta in made.theta_hat)
         assert np.abs((made.theta_hat - law.prior) / scale).max() < 2.0
         assert law.confidence(end) is not None
 

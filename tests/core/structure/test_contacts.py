@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from nsaid_mj.base import InvalidInput, pin
-from nsaid_mj.core import ContactPoint, Elimination, Log, contact_jacobians, rebuilt
+from nsaid_mj.core import ContactPoint, Elimination, JointTree, Log, contact_jacobians
 from nsaid_mj.core.nullspace.ground import random_states
 from nsaid_mj.core.structure.contacts import balanced_rows, contact_accelerations
-from nsaid_mj.robots import links_of, load_robot
+from nsaid_mj.robots import load_robot
 
 RADIUS = 0.02
 
@@ -25,11 +25,11 @@ def walker():
         ContactPoint(foot.parentJoint - 1, foot.placement.translation, RADIUS, name=foot.name)
         for foot in feet
     ]
-    return model, contacts, links_of(model)
+    return model, contacts, JointTree.links(model)
 
 
 def on_the_ground(system, contacts):
-    return rebuilt(system, replace(system.structure, contacts=tuple(contacts)), system.space)
+    return system.rebuilt(replace(system.structure, contacts=tuple(contacts)), system.space)
 
 
 def physical(system):

@@ -176,7 +176,7 @@ def test_a_run_without_a_truth_is_recorded_and_reported(done, tmp_path):
     page = (tmp_path / REPORT_FILE).read_text(encoding="utf-8")
     assert "nan" not in page and "distance to the true set" not in page
     seen = entities_of(tmp_path / RECORDING)
-    wanted = {"/velocity", "/velocity/predicted", "/force/motion", "/force/actuators"}
+    wanted = {"/velocity/measured", "/velocity/predicted", "/force/motion", "/force/actuators"}
     if len(bare.system.space.actuators) > 1:
         wanted.add("/gains_over_prior")
     assert wanted <= seen.keys()

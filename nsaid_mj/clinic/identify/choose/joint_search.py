@@ -137,6 +137,7 @@ def structured_arm(
         rivals,
         noisier,
         coupled=options.coupled,
+        loaded=frozenset(load.source for load in options.loads),
         columns=columns,
         rotors=rotors,
     )

@@ -28,7 +28,6 @@ from ....core import (
     ParameterSpace,
     Rotor,
     memory_of,
-    slides,
     torques_along,
 )
 from ....robots import RobotModel
@@ -179,9 +178,8 @@ class GroundRows(Rows):
         return np.concatenate(found)
 
     def _space(self) -> ParameterSpace:
-        model = self.robot.model
         joints = self.robot.joints
-        blocks = list(link_blocks(model))
+        blocks = link_blocks(self.robot)
         for name in FRICTIONS:
             column = COLUMNS[name]
             kinds = [self._slides(j) for j in range(len(joints))]
@@ -232,7 +230,7 @@ class GroundRows(Rows):
         return found
 
     def _slides(self, joint: int) -> bool:
-        return slides(self.robot.model.joints[joint + 2])
+        return self.robot.system.slides[joint]
 
     def terms(self, space: ParameterSpace) -> tuple[list[Column], list[Rotor]]:
         """Columns of friction, then of motors, and rotors, on the joints' velocities."""

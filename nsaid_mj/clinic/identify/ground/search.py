@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from ....base import Finding
-from ....core import Array, rate_labels
+from ....core import Array
 from ....lab import INTERVAL
 from ....robots import RobotModel
 from ...logs.recordings import Recordings
@@ -270,7 +270,7 @@ def _delay(rows: GroundRows, theta: Array) -> tuple[float, float]:
 def _structures(
     rows: GroundRows, delay: Array, interval: tuple[float, float] | None
 ) -> Iterator[JointStructure]:
-    for label in rate_labels(rows.robot.system)[:BASE]:
+    for label in rows.robot.system.rate_labels[:BASE]:
         yield JointStructure(f"base {label}", delay=float(delay[0]), delay_interval=interval)
     for joint, late in zip(rows.robot.joints, delay, strict=True):
         speed = SPEEDS[rows.speed]

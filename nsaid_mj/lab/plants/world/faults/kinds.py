@@ -168,9 +168,7 @@ def gains_of(system: SecondOrderSystem, actuator: int) -> Indices:
     Raises:
         InvalidInput: there is no such actuator, or its gain is not a parameter.
     """
-    from .....core import gains_by_command
-
-    found = gains_by_command(system)
+    found = system.gains_by_command
     if actuator > system.n_u or not found[actuator - 1].size:
         weak = [str(k) for k, gains in enumerate(found, 1) if gains.size]
         raise InvalidInput(
