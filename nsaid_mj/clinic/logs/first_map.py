@@ -112,7 +112,14 @@ _IN_SPACE = {
     ),
 }
 _IN_PLANE = {
-    "position": ("x y psi", "x y heading", "x y theta", "x y yaw", "xned yned yaw", "north east yaw"),
+    "position": (
+        "x y psi",
+        "x y heading",
+        "x y theta",
+        "x y yaw",
+        "xned yned yaw",
+        "north east yaw",
+    ),
     "linear": ("vx vy r", "vx vy yawrate", "surge sway yawrate"),
 }
 """Endings of channels' names, letters and digits only."""

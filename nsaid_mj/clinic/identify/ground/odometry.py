@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ....core import Array, contact_jacobians, zero_phase
+from ....core import contact_jacobians, zero_phase
 from ...logs.imu import GRAVITY
 from ...logs.recordings import Recordings
 from ..smoothing import slope

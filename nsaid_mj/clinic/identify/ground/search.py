@@ -30,6 +30,7 @@ from .feet import feet_of, imu_pose
 from .odometry import with_odometry
 from .offsets import Offsets, displaced, estimated
 from .rows import BASE, FRICTIONS, Ground, GroundRows, total_mass
+from .sensors import sensors_of, with_sensors
 from .stance import Stance, stance
 
 _CUTOFF = 20.0  # of the rows [Hz]: the steps of a gait
@@ -78,6 +79,7 @@ def structured_ground(
         fit = minimise(rows.problem(delay), start=fit.theta)
     rows, seen = _released(rows, fit, delay)
     findings = [said, where, *_swing(rows, seen), *_damping(rows)]
+    findings += _sensors(rows, seen)
     if not measured:
         text = "without an accelerometer the base's acceleration is taken from the feet that bear "
         text += (
@@ -148,7 +150,7 @@ def _released(rows: GroundRows, fit: Fit, delay: Array) -> tuple[GroundRows, Sta
 
     Where the base has no accelerometer, its acceleration is that which the loaded feet tell.
     """
-    seen = _stance(rows, fit, delay)
+    seen, _ = with_sensors(rows, _stance(rows, fit, delay))
     ground = replace(rows.ground, touching=seen.touching)
     imu = rows.recordings.imu
     moved = with_odometry(rows, seen) if imu is None or imu.accelerometer is None else None
@@ -162,6 +164,18 @@ def filter_of(recordings: Recordings, cutoff: float) -> Filter:
     seconds = sum(len(segment.log.t) for segment in recordings.segments) / recordings.rate
     least = max(rate / (_ROWS * cutoff), rate * seconds / _MOST_ROWS)
     return Filter(cutoff, recordings.rate, every, max(1, int(least)))
+
+
+def _sensors(rows: GroundRows, seen: Stance) -> Iterator[Finding]:
+    """What sensors in the feet say, compared with the implied forces."""
+    found = sensors_of(rows, seen)
+    feet = [foot.name for foot in rows.ground.feet]
+    if found is not None:
+        yield from found.findings(feet)
+    elif rows.recordings.contacts.force:
+        names = ", ".join(rows.recordings.contacts.force)
+        text = f"{names} are not used: the robot has {len(feet)} feet ({', '.join(feet)})"
+        yield Finding("note", "foot_sensors", "", text, "Name one column for each in [contacts].")
 
 
 def _stance(rows: GroundRows, fit: Fit, delay: Array) -> Stance:
