@@ -85,7 +85,7 @@ def unwrap(x: Array) -> tuple[Array, np.ndarray]:
 
 
 def heading_unit(x: Array) -> Literal["rad", "deg"]:
-    """The unit of a heading (N,): in degrees it begins beyond a turn in radians, or jumps by 360."""
+    """The unit of a heading (N,): degrees begin beyond a turn in radians, or jump by 360."""
     begins = len(x) > 0 and abs(x[0]) > 1.05 * 2 * np.pi
     jumps = np.abs(np.abs(np.diff(x)) - 360) < 90
     return "deg" if begins or jumps.any() else "rad"

@@ -69,7 +69,7 @@ class ThrusterCurve(NamedTuple):
 
 
 def sheet_curve(column: Column) -> Array:
-    """The curve of a thruster's column; without one in the sheet, force is linear in the command."""
+    """The curve of a thruster's column; without one in the sheet, the command itself."""
     return np.asarray(column.constants.get("curve", polynomial(1.0)))
 
 
