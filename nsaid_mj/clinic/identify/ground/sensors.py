@@ -16,7 +16,6 @@ import scipy
 from ....base import Finding
 from ....core import Array, number, zero_phase
 from ...logs.matching import words
-from ...logs.recordings import Recordings
 from .rows import GroundRows
 from .stance import SMOOTH, Stance
 
@@ -76,7 +75,7 @@ def sensors_of(rows: GroundRows, seen: Stance) -> FootSensors | None:
     feet = [foot.name for foot in rows.ground.feet]
     if len(names) != len(feet):
         return None
-    taken = list(_assigned(rows.recordings, names, feet))
+    taken = list(_assigned(names, feet))
     read = [_smoothed(rows, k) for k in range(len(rows.motions))]
     values = np.concatenate(read)[:, taken]
     force = np.concatenate(seen.normal)
@@ -136,7 +135,7 @@ def _smoothed(rows: GroundRows, k: int) -> Array:
     return zero_phase(values, min(SMOOTH, 0.4 * rate), rate) if len(values) > 8 else values
 
 
-def _assigned(recordings: Recordings, names: Sequence[str], feet: Sequence[str]) -> Sequence[int]:
+def _assigned(names: Sequence[str], feet: Sequence[str]) -> Sequence[int]:
     """The column of each foot: as the map lists them, by names, or by the order of messages."""
     own = [set(words(foot)) for foot in feet]
     shared = set.intersection(*own)
