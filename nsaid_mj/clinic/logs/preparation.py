@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -129,7 +130,7 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
         tuple(seen),
         made.on_leaders(made.pd.feedback) if made.pd else None,
         made.imu.stated if made.imu else None,
-        mapping.contacts,
+        replace(mapping.contacts, force=made.imu.feet if made.imu else ()),
     )
 
 

@@ -66,6 +66,7 @@ _UNSEEN = 1.5e-3
 # friction that differs from tanh(v/s) imitates it, and as it is allowed for
 _WEIGHT = 0.02
 # standard deviation of the mean upward specific force [m/s²], from velocities at the log's ends
+_UNMEASURED = 5.0  # times these sizes where no accelerometer tells the base's motion
 _TOLD = 6e-3  # of a foot, from which it is told [m]
 
 
@@ -186,8 +187,10 @@ def estimated(
     found = -covariance @ slope
     deviation = np.sqrt(np.diag(covariance))
     value = np.zeros(len(entries))
-    for name, least in _LARGE.items():
+    measured = any(entry.kind == "force" for entry in entries)
+    for name, size in _LARGE.items():
         at = np.array([entry.kind == name for entry in entries])
+        least = size if measured else _UNMEASURED * size  # feet that slip imitate a late clock
         if (np.abs(found[at]) > np.maximum(_NOTED * deviation[at], least)).any():
             value[at] = found[at]
     remaining = _covariance(entries, np.array([kind.left for kind in kinds]), _UNSEEN)
