@@ -105,7 +105,13 @@ _IN_SPACE = {
         "phi theta psi",
         "roll pitch yaw",
     ),
-    "linear": ("linearx lineary linearz", "velx vely velz", "surge sway heave", "u v w", "vx vy vz"),
+    "linear": (
+        "linearx lineary linearz",
+        "velx vely velz",
+        "surge sway heave",
+        "u v w",
+        "vx vy vz",
+    ),
     "angular": (
         "angularx angulary angularz",
         "angularvelocityx angularvelocityy angularvelocityz",
