@@ -107,22 +107,8 @@ def dive(seconds: float) -> tuple[str, np.ndarray]:
     angles = Rotation.from_quat(log.q[:, 3:]).as_euler("ZYX", degrees=True)[:, ::-1]
     pulses = np.round(1500 + 500 * log.u)
     table = np.column_stack([log.t, log.q[:, :3], angles, log.v, pulses])
-    names = [
-        "time",
-        "x",
-        "y",
-        "z",
-        "roll_deg",
-        "pitch_deg",
-        "yaw_deg",
-        "u",
-        "v",
-        "w",
-        "p",
-        "q",
-        "r",
-    ]
-    head = ",".join([*names, *(f"pwm_{k}" for k in range(1, 9))])
+    head = "time,x,y,z,roll_deg,pitch_deg,yaw_deg,u,v,w,p,q,r,"
+    head += ",".join(f"pwm_{k}" for k in range(1, 9))
     rows = "\n".join(",".join(f"{x:.9g}" for x in row) for row in table)
     return f"{head}\n{rows}\n", truth[setup.plant.system.space.actuators]
 
