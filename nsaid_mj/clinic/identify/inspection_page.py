@@ -45,7 +45,6 @@ def print_inspection(found: Inspection, console: Console) -> None:
     """
     if (result := result_of(found)).explains is not None:
         print_page(Page("", result), console)
-        console.print()
     heads = ("channel", "from", "to", "noise", "step", "flat", "same", "used as")
     for clock in dict.fromkeys(map(_clock, found.channels)):
         own = [channel for channel in found.channels if _clock(channel) == clock]
@@ -57,7 +56,7 @@ def print_inspection(found: Inspection, console: Console) -> None:
         rest = [Text(f"… and {more} more, which --json lists")] if more > 0 else []
         print_panels([Text(clock), table, *rest], console)
         console.print()
-    print_findings(gravest_first(found.findings), console, codes=True)
+    print_findings(gravest_first(found.findings), console, whole=True)
 
 
 def result_of(found: Inspection) -> Result:

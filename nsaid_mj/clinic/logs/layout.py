@@ -236,11 +236,11 @@ def layout(
             for name, j in own
         ),
         tuple(
-            ChannelSource(
+            _source(
                 "command",
                 j.command,
-                j.command.factor("position" if targets else "command")
-                * factors.of("command", name),
+                scale=factors.of("command", name),
+                unit_of="position" if targets else "command",
             )
             if j.command
             else None
@@ -372,9 +372,20 @@ def with_angles(table: LogTable, robot: RobotModel) -> LogTable:
 
 
 def _source(
-    quantity: Quantity, column: ColumnMap, angle: bool = False, scale: float = 1.0
+    quantity: Quantity,
+    column: ColumnMap,
+    angle: bool = False,
+    scale: float = 1.0,
+    unit_of: Quantity | None = None,
 ) -> ChannelSource:
-    return ChannelSource(quantity, column, column.factor(quantity) * scale, angle)
+    """The source of a column times a scale, with a unit of `quantity`, or of another one."""
+    factor = scale * column.factor(unit_of or quantity)
+    if column.points is not None:
+        (value, position), (other, there) = column.points
+        column = replace(column, points=((value, scale * position), (other, scale * there)))
+    else:
+        column = replace(column, offset=scale * column.offset)
+    return ChannelSource(quantity, column, factor, angle)
 
 
 def _ordered(mapping: Map, names: Sequence[str]) -> list[Joint]:
