@@ -66,7 +66,7 @@ def picture(result: Identification) -> PageFigure | None:
             axis.plot(*at, "o", color=colour, markersize=6.5, zorder=3)
         _labels(axis, names, joints, low, high, figure)
         legend = [
-            (words_, colour, "-")
+            (words_, colour, ".")
             for kind, words_, colour in (
                 ("good", "held-out NRMSE < 20 %", _COLOURS["good"]),
                 ("fair", "< 50 %", _COLOURS["fair"]),

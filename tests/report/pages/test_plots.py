@@ -159,6 +159,21 @@ def test_a_drawing_refers_to_nothing_outside():
     assert not re.findall(r"https?:|xmlns|@import|<style|<!--|creator|matplotlib", text)
 
 
+def test_a_legend_shows_dots_for_dots_and_a_line_for_a_line() -> None:
+    def draw(axis):
+        axis.errorbar([1], [2], [[0.1], [0.1]], marker="h", color="#0b6e99", label="one point")
+        axis.plot([1, 2], [2, 3], "--", marker="x", color="#0b6e99", label="line with crosses")
+        axis.plot([1, 2], [2, 3], ":", color="#0b6e99", label="line")
+
+    drawn = page_figure("title", draw)
+    signs = {name: dash for name, _, dash in drawn.legend}
+    assert signs["line"] == ":"
+    assert signs["line with crosses"].startswith("M0 4H24M")  # a line, and crosses on it
+    assert "H24" not in signs["one point"] and signs["one point"].count("L") == 5  # a hexagon
+    page = render_html(Page("r", Result(), carrying=[drawn]))
+    assert all(sign in page for sign in signs.values() if sign.startswith("M"))
+
+
 def test_lines_beyond_the_palette_differ_by_dashes_and_are_in_the_legend():
     many = panel(*([k, k + 1] for k in range(len(COLOURS) + 2)))
     assert len({(c.colour, c.dash) for c in many.curves}) == len(many.curves)
