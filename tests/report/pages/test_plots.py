@@ -18,9 +18,10 @@ from matplotlib.figure import Figure
 
 from nsaid_mj.report import plots
 from nsaid_mj.report.drawings import draw
-from nsaid_mj.report.page import VARIABLES
+from nsaid_mj.report.page import VARIABLES, Page, render_html
 from nsaid_mj.report.panels import COLOURS, POINTS, Comparison, Forest, Panel, Points, thin
-from nsaid_mj.report.plots import number, over_time
+from nsaid_mj.report.plots import number, over_time, page_figure
+from nsaid_mj.report.result import Result
 from tests.report.pages.drawing import points_of, words_of
 from tests.report.pages.markup import data_of
 
@@ -160,12 +161,12 @@ def test_a_drawing_refers_to_nothing_outside():
 
 
 def test_a_legend_shows_dots_for_dots_and_a_line_for_a_line() -> None:
-    def draw(axis):
+    def drawing(axis):
         axis.errorbar([1], [2], [[0.1], [0.1]], marker="h", color="#0b6e99", label="one point")
         axis.plot([1, 2], [2, 3], "--", marker="x", color="#0b6e99", label="line with crosses")
         axis.plot([1, 2], [2, 3], ":", color="#0b6e99", label="line")
 
-    drawn = page_figure("title", draw)
+    drawn = page_figure("title", drawing)
     signs = {name: dash for name, _, dash in drawn.legend}
     assert signs["line"] == ":"
     assert signs["line with crosses"].startswith("M0 4H24M")  # a line, and crosses on it
