@@ -114,9 +114,9 @@ def regressor_stack(system: SecondOrderSystem, theta: Array, rng: np.random.Gene
 def parts_of(system: SecondOrderSystem) -> Array:
     """(s, p) 0 or 1: the parameters of each part of a robot whose scale no motion reveals.
 
-    Multiplied by one factor, they solve W θ = 0 as before, because they and no others act on some
-    of the velocities: those of each limb that only the fixed base connects, or of the whole robot.
-    What acts on nothing belongs to the first part.
+    A part is a limb that shares only the fixed base with the others, or the whole robot. Its
+    parameters, and no others, act on its velocities: multiplied by one factor they still solve
+    W θ = 0. Parameters that act on nothing belong to the first part.
     """
     rng = np.random.default_rng(0)
     q, v, u = zip(*(system.random_state(rng) for _ in range(_STATES)), strict=True)
