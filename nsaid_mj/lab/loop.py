@@ -32,11 +32,11 @@ from ..core import (
     Array,
     FaultEvent,
     Identifier,
+    Nullspace,
     PersistenceMonitor,
     SecondOrderSystem,
     State,
     Status,
-    structural,
 )
 from ..robots import Looks
 from .folders import holds_run
@@ -176,7 +176,7 @@ def followed(
     """
     system = robot.system
     rng = np.random.default_rng(Seeds.of(scenario.seed).structure)
-    r = structural(system, robot.prior, rng).r
+    r = Nullspace.structural(system, robot.prior, rng).r
     with writing(folder):  # files of an earlier run could be mistaken for this one's
         folder.mkdir(parents=True, exist_ok=True)
         check_own(folder, (RECORD_FILE, *DERIVED), None)

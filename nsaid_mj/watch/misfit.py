@@ -42,7 +42,6 @@ from ..core import (
     ParameterSpace,
     State,
     drawn_inside,
-    gain_deviations,
 )
 from .drift import walks
 from .replay import Replay, replay
@@ -291,7 +290,7 @@ def shift_of_gains(space: ParameterSpace, theta: Array, P: Array, after: Array) 
     P (p, p) is the covariance of θ/scale.
     """
     stated = Confidence(P * np.outer(space.scale, space.scale), P, np.zeros(0))
-    deviation = np.maximum(gain_deviations(stated, theta, space), _ROUNDING)
+    deviation = np.maximum(Confidence.of_gains(stated, theta, space), _ROUNDING)
     ratio = after[space.actuators] / theta[space.actuators]
     return float(np.max(np.abs(ratio / ratio.mean() - 1) / deviation, initial=0.0))
 

@@ -19,7 +19,7 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
-from nsaid_mj.core import ContactPoint, contact_jacobians
+from nsaid_mj.core import ContactPoint
 from nsaid_mj.lab.control.gait import Gait
 from nsaid_mj.lab.control.walking import Walk
 from nsaid_mj.robots import load_robot, load_tree, tree_spec
@@ -293,7 +293,7 @@ def _size(robot: Any, legged: Legged) -> Size:
         q[[k + 1 for k in what]] *= -1
     feet = contact_points(robot, legged)
     at = robot.system.position(np.r_[np.zeros(6), q])[None]
-    places = contact_jacobians(robot.system.structure, feet, at)[1][0]
+    places = robot.system.contact_jacobians(feet, at)[1][0]
     height = -float(places[:, 2].min())
     mass = sum(inertia.mass for inertia in robot.model.inertias)
     weight = 9.81 * mass * height

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from ...base import require
 from ...lab import folder_for
-from ...report import code_of
+from ...report import ExitCode
 from .checks import check_live, names_in
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def follow_robot(chosen: ToFollow) -> int:
         print(json.dumps(found, ensure_ascii=False, allow_nan=False))
     elif not chosen.quiet:
         print_result(f"{name} live", result, folder)
-    return code_of(result)
+    return ExitCode.of(result)
 
 
 def _wait_for(chosen: ToFollow, name: str) -> None:

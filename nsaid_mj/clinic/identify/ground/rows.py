@@ -27,9 +27,6 @@ from ....core import (
     Elimination,
     ParameterSpace,
     Rotor,
-    contact_jacobians,
-    memory_of,
-    torques_along,
 )
 from ....robots import RobotModel
 from ...logs.imu import GRAVITY
@@ -180,7 +177,7 @@ class GroundRows(Rows):
         change = (change * np.sign(self.robot.gain))[:, self.driven] * theta[self.space.actuators]
         E = self.eliminated[number].E
         force = E[:, :, [BASE + j for j in self.driven]] @ change[:, :, None]
-        held = contact_jacobians(self.system.structure, self.ground.feet, motion.q)[0]
+        held = self.system.contact_jacobians(self.ground.feet, motion.q)[0]
         bear = self._bear(number)
         if bear is not None:
             rows = [foot.rows for foot in self.ground.feet]
@@ -205,10 +202,7 @@ class GroundRows(Rows):
         columns, rotors = self.terms(self.space)
         own = [column for column in columns if column.kind != "motor"]
         system = with_columns(self.system, own, rotors, len(self.space))
-        structure = system.structure.arrays
-        found = np.empty_like(motion.v)
-        parts = (np.ascontiguousarray(x) for x in (motion.q, motion.v, motion.a))
-        torques_along(structure, *memory_of(structure, system.n), theta, *parts, found)
+        found = system.torques(theta, motion.q, motion.v, motion.a)
         return found
 
     def _sure(self) -> Mask:
