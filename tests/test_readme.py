@@ -9,6 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from unittest import mock
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -156,6 +157,9 @@ def test_the_newcomers_path_leads_to_a_calibrated_robot(
         "sysid.yaml",
     ):
         assert (workplace / "calibrated" / name).is_file()
+    model = mujoco.MjModel.from_xml_path("calibrated/my_arm.xml")
+    gains = model.actuator_gear[:, 0] * model.actuator_gainprm[:, 0]
+    assert gains == pytest.approx(true_gains * 0.72 / true_gains[0], rel=0.03)
     for code in blocks(page, "python"):
         found = execute(code)["found"]
         gains = np.array([gain.value for gain in found.of("motor gain")])

@@ -207,6 +207,10 @@ def _run(name: str, default: Scenario, arguments: Sequence[str]) -> int:
         print_json(summary_of(result))
     elif not output.quiet:
         print_result(title, result, finished.folder)
+    judged = getattr(finished.scenario.identifier, "law", "") in {"memory", "efficient"}
+    if judged and _code(finished, result) == ExitCode.INTERRUPTED and not output.quiet:
+        again = shlex.join(["nsaid", "view", "--rebuild", str(finished.folder)])
+        _say(f"interrupted; `{again}` judges the misfit, too", ExitCode.INTERRUPTED)
     return _code(finished, result)
 
 

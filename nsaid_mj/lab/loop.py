@@ -1,7 +1,8 @@
 """The only loop: runs the identifiers on the measurements of a source, and writes the record.
 
-The wall: an identifier gets the plant's structure, a prior, and measurements. `setup` draws the
-prior before the first time step; the truth is not read again until the end of the run.
+No true value reaches an identifier: it gets the plant's structure, a prior, and measurements.
+`setup` draws the prior before the first time step; the truth is not read again until the end of the
+run.
 """
 
 import signal

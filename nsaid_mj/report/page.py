@@ -49,10 +49,14 @@ MARKERS = {
     "D": "M12 0L16 4L12 8L8 4Z",
     "x": "M8 0L16 8M16 0L8 8",
     "|": "M12 0V8",
-    "o-": "M0 4H24M10.5 4A1.5 1.5 0 1 0 13.5 4A1.5 1.5 0 1 0 10.5 4M11 4H13",
+    "o-": "M0 4H24M9 4A3 3 0 1 0 15 4A3 3 0 1 0 9 4",
     "o": "M9 4A3 3 0 1 0 15 4A3 3 0 1 0 9 4",
+    ".": "M9 4A3 3 0 1 0 15 4A3 3 0 1 0 9 4",
 }
 """Paths of matplotlib's markers in a legend, in place of a dash pattern."""
+
+FILLED = {"o-", "."}
+"""Markers that are drawn filled."""
 
 
 class Link(NamedTuple):
@@ -137,7 +141,8 @@ class Figure:
 
     title: str  # above the drawing
     drawing: str  # an SVG element of `plots.svg`, or an image
-    # (name, colour, dash) of each entry; a dash of `BAND` is a shaded area
+    # (name, colour, dash) of each entry; a dash of `BAND` is a shaded area, or it is a marker, or
+    # the path of one in an SVG box of 24 × 8
     legend: Sequence[tuple[str, str, str]] = ()
     wide: bool = False  # whether it takes the whole width of the page
 
@@ -274,6 +279,7 @@ def _environment() -> Any:
         band=BAND,
         pale=PALE,
         markers=MARKERS,
+        filled=FILLED,
         script=Markup(script),
         digest=digest,
         levels=LEVELS,

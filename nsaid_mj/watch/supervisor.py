@@ -1,9 +1,10 @@
 """The supervisor of the law `efficient`: it learns again, isolates faults, and follows drifts.
 
-Where the filter is contradicted early in a motion, it learns again from the first sample, see
-`replay`. Else a part may have failed, or the structure is not exact, see `faults.isolation`. If the
-structure is not exact, θ becomes a random walk, or the gains alone, if that explains the motion
-better, see `drift`; then the law returns the filter's θ̂, as the memory averages over the drift.
+If the filter is contradicted early in a motion, it learns again from the first sample; see
+`replay`. Later contradictions mean that a part has failed or that the structure is not exact; see
+`faults.isolation`. If the structure is not exact, θ is given process noise, or only the gains if
+that explains the motion better; see `drift`. The law then returns the filter's θ̂, because the
+memory averages over the drift.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, fields, replace
 from itertools import chain, count
 from pathlib import Path
@@ -283,10 +283,32 @@ def inspect_log(chosen: ToInspect) -> int:
         print_inspection(found, Console(highlight=False))
         for line in fixed.lines if fixed else ():
             print(printable(line))
-        for path in files:
-            print(printable(str(path)))
-    refused = any(f.level == "refusal" or f.code == "unmatched" for f in found.findings)
-    return ExitCode.UNUSABLE if refused else ExitCode.EXPLAINED
+        print()
+        for line in (*files, *_next(chosen, found, files)):
+            print(f"  {printable(str(line))}")
+    return ExitCode.UNUSABLE if _unusable(found) else ExitCode.EXPLAINED
+
+
+def _unusable(found: Inspection) -> bool:
+    """Whether `nsaid identify` would refuse the log before it fits anything."""
+    return any(f.level == "refusal" or f.code == "unmatched" for f in found.findings)
+
+
+def _next(chosen: ToInspect, found: Inspection, files: Sequence[Path]) -> list[str]:
+    """The command to give next, if there is a model."""
+    if found.robot is None or chosen.model is None:
+        return []
+    refused = _unusable(found)
+    if refused and not any("map.toml" in finding.remedy for finding in found.findings):
+        return []  # another log is needed
+    made = next((path for path in files if path.suffix == ".toml"), None)
+    own = made if chosen.fix or (refused and not chosen.map) else None
+    own = own or chosen.map
+    word = "inspect" if refused else "identify"
+    words = ["nsaid", word, *map(str, chosen.logs), "--model", chosen.model]
+    words += ["--map", str(own)] if own else []
+    first = f"complete {own}, then " if refused and own else ""
+    return ["", f"Next: {first}{shlex.join(words)}"]
 
 
 def _inspected(chosen: ToInspect) -> tuple[Inspection, Fix | None]:

@@ -298,8 +298,8 @@ def structure_checks(names: tuple[str, ...], held_out: Array) -> list[Finding]:
         "mean gives 100 %"
     )
     remedy = (
-        "Do not use its parameters. Check the joint's axis in the model, its unit and sign in the "
-        "map, and whether anything touched the robot."
+        "Check its axis in the model, its unit and sign in the map, and whether anything touched "
+        "the robot."
     )
     pairs = zip(names, held_out.tolist(), strict=True)
     return [

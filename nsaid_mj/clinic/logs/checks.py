@@ -79,7 +79,8 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     }
     names = enumerate(robot.joints)
     measured = [j for j, name in names if name not in derived and j not in resting]
-    said, motion = velocity_causes(motion, robot, measured)
+    under_pd = recordings.feedback is not None
+    said, motion = velocity_causes(motion, robot, measured, held=under_pd)
     found += said
     reported = {name for finding in found for name in finding.where.split(", ")}
     speeds = np.quantile(np.abs(motion.slopes), 0.95, axis=0)

@@ -67,6 +67,7 @@ class ImuColumns(NamedTuple):
     sources: tuple[ChannelSource, ...]  # of orientation, gyroscope and, if any, accelerometer
     stated: Imu  # the entry of the map, or what stands for it
     assumed: str = ""  # which columns were found, in words; "" if the map states them
+    feet: tuple[str, ...] = ()  # columns of sensors in the feet, whose sources come last
 
     @property
     def orientation(self) -> tuple[str, ...]:
@@ -84,13 +85,18 @@ class ImuColumns(NamedTuple):
     def roles(self) -> list[str]:
         """What each column is."""
         count = len(self.stated.orientation)
-        return ["orientation"] * count + ["angular velocity"] * 3 + ["specific force"] * 3
+        forces = 3 * (self.stated.accelerometer is not None)
+        found = ["orientation"] * count + ["angular velocity"] * 3 + ["specific force"] * forces
+        return found + ["force on a foot"] * len(self.feet)
 
 
 def imu_columns(mapping: Map, channels: Sequence[str], walks: bool) -> ImuColumns | None:
     """The IMU of a map, or the one found among channels if the robot `walks`; None without one."""
+    feet = mapping.contacts.force or foot_columns(channels)
+    of_feet = tuple(ChannelSource("command", ColumnMap(column=name), 1.0) for name in feet)
     if mapping.base is not None:
-        return ImuColumns(_sources(mapping.base, channels), mapping.base)
+        own = (*_sources(mapping.base, channels), *of_feet)
+        return ImuColumns(own, mapping.base, feet=feet)
     found = _found(channels) if walks else None
     if found is None:
         return None
@@ -98,7 +104,24 @@ def imu_columns(mapping: Map, channels: Sequence[str], walks: bool) -> ImuColumn
     if found.accelerometer is not None:
         names += f" and specific force ({found.accelerometer[0]} …)"
     text = f"the base moves: its {names} were found by name"
-    return ImuColumns(_sources(found, channels), found, text)
+    return ImuColumns((*_sources(found, channels), *of_feet), found, text, feet)
+
+
+_SENSED = (frozenset(["foot", "feet", "toe", "sole"]), frozenset(["force", "contact", "pressure"]))
+_NOT_SENSED = frozenset(["est", "position", "pos", "speed", "velocity", "vel", *"xyz"])
+
+
+def foot_columns(channels: Sequence[str]) -> tuple[str, ...]:
+    """The one group of columns of sensors in feet; () without one, or with several."""
+    groups: dict[str, list[str]] = {}
+    for channel in channels:
+        own = set(matching.words(channel))
+        touch = "touch" in own
+        if (touch or all(part & own for part in _SENSED)) and not _NOT_SENSED & own:
+            kind = " ".join(sorted(own & (_SENSED[1] | {"touch"})))
+            groups.setdefault(kind, []).append(channel)
+    found = [group for group in groups.values() if len(group) > 1]
+    return tuple(found[0]) if len(found) == 1 else ()
 
 
 def _sources(imu: Imu, channels: Sequence[str]) -> tuple[ChannelSource, ...]:
@@ -179,7 +202,9 @@ def _spelt_out(own: list[str]) -> list[str]:
 
 
 def read_imu(columns: ImuColumns, t: Array, raw: Array) -> tuple[Array, list[Finding]]:
-    """(N, 10) orientation x, y, z, w, angular velocity and specific force of the IMU, and findings.
+    """(N, 10 + f) readings of the IMU and of f sensors in feet, and findings.
+
+    Those of the IMU are orientation x, y, z, w, angular velocity and specific force.
 
     `raw` (N, k) are its columns at times t (N,) of a grid; without an accelerometer the force is
     that at rest. Findings are refusals where its sensors contradict each other.
@@ -187,7 +212,7 @@ def read_imu(columns: ImuColumns, t: Array, raw: Array) -> tuple[Array, list[Fin
     imu = columns.stated
     findings: list[Finding] = []
     at = columns.gyro
-    force = raw[:, at.stop :] if imu.accelerometer is not None else None
+    force = raw[:, at.stop : at.stop + 3] if imu.accelerometer is not None else None
     if force is not None:
         mean = float(np.linalg.norm(np.mean(force, axis=0)))
         unit = imu.accelerometer_unit
@@ -216,7 +241,8 @@ def read_imu(columns: ImuColumns, t: Array, raw: Array) -> tuple[Array, list[Fin
     if force is None:
         force = GRAVITY * best.up
     gyro = raw[:, at] / (_DEGREES if best.gyro_unit == "deg/s" else 1.0)
-    return np.hstack([best.quaternion, gyro, force]), findings
+    feet = raw[:, raw.shape[1] - len(columns.feet) :]
+    return np.hstack([best.quaternion, gyro, force, feet]), findings
 
 
 class _AxesCause(NamedTuple):

@@ -476,6 +476,9 @@ class ContactMap:
     feet: tuple[Name, ...] = ()  # geoms, sites, links or frames; () to find them in the model file
     radius: NonNegative | None = None  # of round feet [m]; None for that of the file, or 0
     flat: Flag | None = None  # whether a foot also exerts torques; None to see it from its shape
+    # columns of sensors of force or contact in the feet, in their order and any unit; () to find
+    # them by their names
+    force: tuple[Name, ...] = ()
 
 
 @config

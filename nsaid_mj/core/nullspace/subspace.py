@@ -142,9 +142,9 @@ def regressor_stack(system: SecondOrderSystem, theta: Array, rng: np.random.Gene
 def parts_of(system: SecondOrderSystem) -> Array:
     """(s, p) 0 or 1: the parameters of each part of a robot whose scale no motion reveals.
 
-    Multiplied by one factor, they solve W θ = 0 as before, because they and no others act on some
-    of the velocities: those of each limb that only the fixed base connects, or of the whole robot.
-    What acts on nothing belongs to the first part.
+    A part is a limb that shares only the fixed base with the others, or the whole robot. Its
+    parameters, and no others, act on its velocities: multiplied by one factor they still solve
+    W θ = 0. Parameters that act on nothing belong to the first part.
     """
     rng = np.random.default_rng(0)
     q, v, u = zip(*(system.random_state(rng) for _ in range(_STATES)), strict=True)
@@ -164,7 +164,7 @@ def parts_of(system: SecondOrderSystem) -> Array:
 class Direction:
     """One direction of P_s(θ), described for a roboticist."""
 
-    words: str  # the change that has no effect on the motion, in terms of the parameters' labels
+    words: str  # the change that does not affect the motion, in terms of the parameters' labels
     parameters: tuple[str, ...]  # names of the parameters involved, the leading one first
     weights: tuple[float, ...]  # changes in θ/scale over the leading one's; empty for a scale
     fix: str  # the parameters that one known value would determine
@@ -281,9 +281,9 @@ def _trade(weights: Array, pivot: int, space: ParameterSpace) -> Direction:
     lead = space.labels[pivot]
     names = tuple(space.names[i] for i in (pivot, *others))
     if not others:
-        words = f"{lead} alone: it has no effect on the motion"
+        words = f"{lead} alone: it does not affect the motion"
         fix = f"only knowing {lead} itself"
     else:
         words = f"{lead} against {phrase(space.labels[i] for i in others)}"
-        fix = f"one known number among these, e.g. {lead}, fixes this trade"
+        fix = f"any one of these, e.g. {lead}, determines the others"
     return Direction(words, names, (1.0, *(float(weights[i]) for i in others)), fix)

@@ -23,14 +23,15 @@ _REST = 5e-4  # of the thread between two pieces, so that on two cores the user'
 
 
 class RunningMisfit:
-    """Judges the motion so far whenever it is half as long again, as `misfit_of` does at its end.
+    """Judges the motion so far each time it has grown by half, as `misfit_of` does at its end.
 
-    The filter runs along the log again, from the estimate and its covariance: while a law learns,
-    its covariance counts errors of linearisation as information, and small effects that W lacks
-    accumulate without a single significant innovation. A fault or a gap begins another log.
+    A law's own covariance is not enough while it learns: it counts errors of linearisation as
+    information, and small effects that W lacks accumulate without a single significant innovation.
+    So the filter runs along the log again, from the estimate and its covariance. A fault or a gap
+    begins another log.
 
-    A thread judges while the motion goes on. Its misfit is stated once the motion is longer by two
-    fifths, so that it does not depend on the speed of the machine.
+    A background thread judges. Its result is used from the moment at which the motion has grown by
+    two fifths since, so that results do not depend on the speed of the machine.
 
     Laws other than `memory` and `efficient` are not judged; prior (p,) is θ̂(0).
     """
@@ -103,8 +104,8 @@ class RunningMisfit:
     def deviations(self, state: State) -> Array:
         """(a,) relative standard deviations of the gains, of `gain_deviations`; inf if unknown.
 
-        They are the law's own, widened by the misfit, and none is less than at the end of the last
-        motion judged. They are unknown before that, and if the misfit contradicts.
+        They are the law's own, widened by the last misfit, and never less than they were when that
+        was judged. They are unknown before the first one, and while the misfit contradicts.
         """
         stated = self._identifier.confidence(state)
         space = self._system.space

@@ -239,9 +239,9 @@ def most_changed(space: ParameterSpace, friction: Hypothesis, jump: Jump) -> Hyp
 def _payloads(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
     """Payloads on the last body: its mass, first moments and, in air, second moments.
 
-    A heavy one changes the parameters of a link by far: the filter, linearised at the link's own,
-    would not converge, as its steps are at most a share of these. It therefore starts with a ball
-    of typical mass at the joint.
+    A heavy payload multiplies the parameters of a light link. The filter would not converge from
+    the link's own parameters, because a step is at most a share of these. Trials of heavy payloads
+    therefore start with a ball of typical mass at the joint.
     """
     space = system.space
     masses = PointMasses(space)

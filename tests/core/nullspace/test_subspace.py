@@ -240,7 +240,7 @@ def test_a_parameter_without_effect_is_described_alone():
     seen = np.eye(4)[[0, 2, 3]]  # nothing sees the drag
     found = Nullspace.of(seen)
     (only,) = found.directions(system.space)
-    assert only.parameters == ("drag",) and "no effect" in only.words
+    assert only.parameters == ("drag",) and "does not affect" in only.words
 
 
 def test_an_empty_nullspace_has_no_directions_to_describe():

@@ -60,11 +60,9 @@ class _Motion(NamedTuple):
         spin = self.q.copy()
         spin[:, 3:7] = (Rotation.from_quat(self.q[:, 3:7]) * Rotation.from_matrix(turn.T)).as_quat()
         moved = []
-        for own in (self.v, self.a):
-            x = own.copy()
-            x[:, :3] = x[:, :3] @ turn.T
-            x[:, 3:6] = x[:, 3:6] @ turn.T
-            moved.append(x)
+        for x in (self.v, self.a):
+            base = [x[:, :3] @ turn.T, x[:, 3:6] @ turn.T]
+            moved.append(np.hstack([*base, x[:, 6:]]))
         return _Motion(spin, *moved, self.u)
 
 
