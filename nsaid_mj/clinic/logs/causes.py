@@ -141,9 +141,7 @@ def velocity_causes(
     return found, motion
 
 
-def _settling(
-    motion: LogMotion, robot: RobotModel, fast: Sequence[int], factors: Array
-) -> Finding:
+def _settling(motion: LogMotion, robot: RobotModel, fast: Sequence[int], factors: Array) -> Finding:
     """The finding of joints that move and settle between two rows, while their targets hold."""
     names = [robot.joints[j] for j in fast]
     ratios = ", ".join(number(factors[j], significant=3) for j in fast)

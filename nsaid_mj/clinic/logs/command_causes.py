@@ -182,8 +182,8 @@ _UNTIMED = Finding(
     "clock_unchecked",
     "",
     "nothing in the log checks its clock: it has no velocities, and the motion is so slow that "
-    "inertia hardly acts; frictions, inertias and gains of joints without weight are as right as its "
-    "times are",
+    "inertia hardly acts; frictions, inertias and gains of joints without weight are as right as "
+    "its times are",
     "Check the log's rate, or record faster motion.",
 )
 
@@ -201,7 +201,7 @@ def _explained(
 
 
 def _wrong_clock(clock: Retimed) -> Finding:
-    """The finding of a clock that no velocity contradicts, with a line of the map for a likely one."""
+    """The finding of a clock that no velocity contradicts; a likely one has a line of the map."""
     scale = min(_USUAL, key=lambda k: abs(np.log(k / clock.scale)))
     usual = abs(np.log(scale / clock.scale)) < _NEAR
     cause = clock_cause(scale if usual else clock.scale)

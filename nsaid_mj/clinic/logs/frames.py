@@ -40,6 +40,7 @@ _UNSURE = 2.5  # factor by which a sheet's numbers may be off
 _TRUST = 0.03  # error of the forces for which one of them is off by 100 %
 _BALANCED = 0.02  # error up to which forces are equally good
 _DRIVES = 0.6  # ratio of the errors of the sheet's forces below which other axes are certain
+_FALLS = 0.8  # such a ratio of their means, above which one velocity alone fits better
 
 
 class TwistPart(NamedTuple):
@@ -422,7 +423,7 @@ def _driven(recordings: Recordings, robot: RobotModel) -> list[Finding]:
     if not trials:
         return []
     error, code, text, changes = min(trials, key=lambda one: _ratio(one[0], own))
-    if not _ratio(error, own) < _DRIVES:
+    if not _ratio(error, own) < _DRIVES or error.mean() > _FALLS * own.mean():
         return []
     text += f": the sheet's forces then fit with {100 * error.mean():.2g} % error instead of "
     text += f"{100 * own.mean():.2g} %"

@@ -64,7 +64,9 @@ _POOR = 0.3  # held-out error above which clocks may be farther apart than a del
 _UNTIMED = ("delay_at_edge", "clock_offset")  # findings where no delay is used
 _LOADED = 0.15  # share of weight in a joint's force that a load column needs
 _BETWEEN = 0.05  # of the time between two rows: doubt of when a held target of a PD law acts
-_LEAD = 0.01  # by which MuJoCo's `frictionloss` turns before the velocity, with its usual solref [s]
+_LEAD = (
+    0.01  # by which MuJoCo's `frictionloss` turns before the velocity, with its usual solref [s]
+)
 _STEPS = 5  # of the correction of delays by the physical fit
 _EXACT = 2e-5  # least change of a delay that is worth another step [s]
 _LONGEST = 0.008  # step [s]
@@ -264,7 +266,7 @@ def _rival_problems(
     if rows.recordings.feedback is not None and found.delays is not None:
         # rows do not show how a joint moves while its target holds, which looks like a delay
         yield rows.problem(replace(found.choice, delay=found.choice.delay + found.delays.deviation))
-        # jerky targets shake a light joint, and its friction acts like damping the more it is shaken
+        # a light joint shaken by jerky targets has friction that acts like damping
         yield rows.leading(_LEAD).problem(found.choice)
 
 
