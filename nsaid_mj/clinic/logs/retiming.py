@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from ...base import pin
-from ...core import Array, positions
+from ...core import Array
 from ...robots import RobotModel
 from .evidence import DELAYS, EXACT, LogMotion, columns_of, driven_joints, late, thinned
 
@@ -68,7 +68,7 @@ class BentLinks:
         self._spread = _LINKS * np.concatenate([_sizes(link) for link in links])
         data = model.createData()
         still = np.zeros(model.nv)
-        own = zip(positions(model, few.q), few.v, few.a, strict=True)
+        own = zip(robot.system.position(few.q), few.v, few.a, strict=True)
         pairs = [
             [pin.computeJointTorqueRegressor(model, data, q, *rates).copy() for rates in each]
             for q, each in ((q, ((still, still), (v, a))) for q, v, a in own)

@@ -10,7 +10,6 @@ import pytest
 
 from nsaid_mj.base.findings import Finding
 from nsaid_mj.clinic.identify.models import load_robot_model
-from nsaid_mj.clinic.logs import frames
 from nsaid_mj.clinic.logs.checks import checks
 from nsaid_mj.clinic.logs.mapping import map_of
 from nsaid_mj.clinic.logs.preparation import prepare
@@ -56,22 +55,6 @@ def test_a_clock_of_one_file_is_named_with_the_file():
     (finding,) = _findings(_drawn().map, table, table | {"t": table["t"] / 0.4})
     assert (finding.code, finding.where) == ("clock", "log_2.csv")
     assert finding.data["map"] == {'files."log_2.csv".scale': 0.4}
-
-
-def test_forces_that_fit_as_badly_with_the_commands_reversed_tell_nothing(monkeypatch):
-    """Seen of a healthy log of a car: 69 % error instead of 71 %, and one velocity far better."""
-    drawn = _drawn()
-    errors = {True: np.array([0.02, 0.7, 0.7, 0.7, 0.7, 0.7]), False: np.full(6, 0.7)}
-    errors[False][0] = 0.6
-    own = []
-
-    def balance(robot, q, v, u, recordings):
-        own.append(u)
-        return errors[len(own) > 1]
-
-    monkeypatch.setattr(frames, "_balance", balance)
-    assert _findings(drawn.map, drawn.tables[0]) == []
-    assert len(own) > 1
 
 
 def test_axes_stated_as_north_east_down_are_mended_in_these():
