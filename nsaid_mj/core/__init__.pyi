@@ -15,9 +15,6 @@ from .laws.base import State as State
 # How a run ended, in words, with the remedy.
 from .laws.base import Status as Status
 
-# (a,) relative standard deviations of k_i over the mean of all actuators; inf if unknown.
-from .laws.base import gain_deviations as gain_deviations
-
 # ∇²ψ(θ̂) = Γ⁻¹ + μ ∇²b(θ̂) in place of Γ⁻¹.
 from .laws.cone.law import ConeMetric as ConeMetric
 
@@ -81,9 +78,6 @@ from .laws.settings import EfficientConfig as EfficientConfig
 # Storage and use of past data by the law `memory`.
 from .laws.settings import MemoryConfig as MemoryConfig
 
-# The levels of sensors without noise.
-from .log import EXACT as EXACT
-
 # Measurements and commands of N samples, in order of time, checked when the log is made.
 from .log import Log as Log
 
@@ -93,14 +87,8 @@ from .log import Measurement as Measurement
 # Assumed standard deviations of the sensors' noise, white from sample to sample.
 from .log import SensorLevels as SensorLevels
 
-# Consecutive logs and another one; short ones are joined, so that there are log₂ N at most.
-from .log import extended as extended
-
 # Levels of (2) and (75) during a run, from the identifier's own regressor.
 from .nullspace.persistence import PersistenceMonitor as PersistenceMonitor
-
-# ε₀ of one window.
-from .nullspace.persistence import level as level
 
 # Singular values below this share of the largest count as 0. For the robots of example-robot-data
 # the smallest nonzero one is 3e-7, and the largest that counts as 0 is 6e-11 (axes meant to be
@@ -110,17 +98,8 @@ from .nullspace.subspace import TOLERANCE as TOLERANCE
 # A split of θ/scale space into P_s(θ) and its orthogonal complement (32–36).
 from .nullspace.subspace import Nullspace as Nullspace
 
-# Describes P_s(θ) by a sparse basis in words: common scales first, then trade-offs.
-from .nullspace.subspace import directions as directions
-
 # (N, p) rows of W(t, x, v, θ)·diag(scale) at random states, N about ten times p.
 from .nullspace.subspace import regressor_stack as regressor_stack
-
-# The nullspace of a stack of regressors, and its complement: the one rank decision.
-from .nullspace.subspace import split as split
-
-# P_s(θ) over all motions, from random states with the acceleration v̇ of (20) under θ.
-from .nullspace.subspace import structural as structural
 
 # Marks a small function that becomes part of the compiled functions that call it.
 from .numerics.kernels import helper as helper
@@ -227,9 +206,6 @@ from .structure.arrays import StructureArrays as StructureArrays
 # Workspace of a stage. Kernels allocate nothing.
 from .structure.arrays import Workspace as Workspace
 
-# Workspaces of a stage and for derivatives, for a structure with n velocities.
-from .structure.arrays import memory_of as memory_of
-
 # Acceleration of gravity [m/s²], known: weight is a column of the mass.
 from .structure.blocks import GRAVITY as GRAVITY
 
@@ -262,18 +238,6 @@ from .structure.configuration_space import plain as plain
 
 # E with E Jᵀ = 0 and λ̂ of contacts at N samples: E W θ = 0 for every force of contact.
 from .structure.contacts import Elimination as Elimination
-
-# J (N, c, n) of contacts and their places (N, k, 3) at positions (N, m).
-from .structure.contacts import contact_jacobians as contact_jacobians
-
-# Writes −M⁻¹ W diag(scale) (N, n, p) along a motion; returns whether M ≻ 0.
-from .structure.information import acceleration_rows as acceleration_rows
-
-# Adds a motion's information about θ_⊥ to J (d, d); returns whether M and S stayed ≻ 0.
-from .structure.information import information_along as information_along
-
-# Writes the joint torques (N, n) of a motion q (N, m), v (N, n), a (N, n) under θ (p,).
-from .structure.information import torques_along as torques_along
 
 # The type of `InverseDynamics` in signatures of compiled functions.
 from .structure.inverse_dynamics import INVERSE_DYNAMICS as INVERSE_DYNAMICS
@@ -329,14 +293,8 @@ from .structure.parts import Operation as Operation
 # Inertia that turns or slides with a joint alone: a motor's rotor.
 from .structure.parts import Rotor as Rotor
 
-# The block of the body that carries a payload by default: the last link, or `body`.
-from .structure.payload import carrier as carrier
-
-# (p,) change of θ by a point mass [kg].
-from .structure.payload import point_mass as point_mass
-
-# Whether θ is that of a single body in water with a full mass matrix.
-from .structure.payload import submerged as submerged
+# What point masses fixed to a body change in θ.
+from .structure.payload import PointMasses as PointMasses
 
 # The axes of a body in the plane, among the six of one in space.
 from .structure.single_body import LEVEL as LEVEL

@@ -49,10 +49,14 @@ MARKERS = {
     "D": "M12 0L16 4L12 8L8 4Z",
     "x": "M8 0L16 8M16 0L8 8",
     "|": "M12 0V8",
-    "o-": "M0 4H24M10.5 4A1.5 1.5 0 1 0 13.5 4A1.5 1.5 0 1 0 10.5 4M11 4H13",
+    "o-": "M0 4H24M9 4A3 3 0 1 0 15 4A3 3 0 1 0 9 4",
     "o": "M9 4A3 3 0 1 0 15 4A3 3 0 1 0 9 4",
+    ".": "M9 4A3 3 0 1 0 15 4A3 3 0 1 0 9 4",
 }
 """Paths of matplotlib's markers in a legend, in place of a dash pattern."""
+
+FILLED = {"o-", "."}
+"""Markers that are drawn filled."""
 
 
 class Link(NamedTuple):
@@ -137,7 +141,8 @@ class Figure:
 
     title: str  # above the drawing
     drawing: str  # an SVG element of `plots.svg`, or an image
-    # (name, colour, dash) of each entry; a dash of `BAND` is a shaded area
+    # (name, colour, dash) of each entry; a dash of `BAND` is a shaded area, or it is a marker, or
+    # the path of one in an SVG box of 24 × 8
     legend: Sequence[tuple[str, str, str]] = ()
     wide: bool = False  # whether it takes the whole width of the page
 
@@ -191,17 +196,36 @@ class Page:
     # by name, of this package and of those that affect its results
     versions: dict[str, str] = field(default_factory=dict)
 
+    def write_html(self, folder: Path) -> Path:
+        """Writes report.html atomically and returns its path."""
+        path = folder / REPORT_FILE
+        write_text(path, render_html(self))
+        return path
+
+    def markdown(self) -> str:
+        """The verdict and findings, and texts, lists and tables of its brief sections."""
+        mark = self.result.mark
+        lines = [f"## {plain(self.heading)}", ""] if self.heading else []
+        lines += [f"**{plain(mark.text)}**", ""] if mark else []
+        lines += [plain(self.lead), ""] if self.lead else []
+        said = list[str]()
+        notes = list[str]()
+        for finding in gathered(self.result.findings):
+            where = f"**{plain(finding.where)}**: " if finding.where else ""
+            line = f"- {where}{plain(f'{finding.text}. {finding.remedy}')}"
+            (notes if finding.level == "note" else said).append(line)
+        lines += said
+        for section in self.sections:
+            if section.brief and (shown := in_brief(section.panels)):
+                lines += ["", *([f"### {plain(section.title)}", ""] if section.title else [])]
+                lines += item_lines([_narrow(p) if isinstance(p, Table) else p for p in shown])
+        lines += ["", "### Notes", "", *notes] if notes else []
+        return "\n".join(lines) + "\n"
+
 
 def count(number: int, singular: str, plural: str = "") -> str:
     """A number with its noun: 1 seed, 2 seeds, 0 seeds."""
     return f"{number} {singular if number == 1 else plural or singular + 's'}"
-
-
-def write_html(page: Page, folder: Path) -> Path:
-    """Writes report.html atomically and returns its path."""
-    path = folder / REPORT_FILE
-    write_text(path, render_html(page))
-    return path
 
 
 def render_html(page: Page) -> str:
@@ -255,33 +279,13 @@ def _environment() -> Any:
         band=BAND,
         pale=PALE,
         markers=MARKERS,
+        filled=FILLED,
         script=Markup(script),
         digest=digest,
         levels=LEVELS,
         shared_legend=shared_legend,
     )
     return environment
-
-
-def markdown(page: Page) -> str:
-    """A page's verdict and findings, and texts, lists and tables of its brief sections."""
-    mark = page.result.mark
-    lines = [f"## {plain(page.heading)}", ""] if page.heading else []
-    lines += [f"**{plain(mark.text)}**", ""] if mark else []
-    lines += [plain(page.lead), ""] if page.lead else []
-    said = list[str]()
-    notes = list[str]()
-    for finding in gathered(page.result.findings):
-        where = f"**{plain(finding.where)}**: " if finding.where else ""
-        line = f"- {where}{plain(f'{finding.text}. {finding.remedy}')}"
-        (notes if finding.level == "note" else said).append(line)
-    lines += said
-    for section in page.sections:
-        if section.brief and (shown := in_brief(section.panels)):
-            lines += ["", *([f"### {plain(section.title)}", ""] if section.title else [])]
-            lines += item_lines([_narrow(p) if isinstance(p, Table) else p for p in shown])
-    lines += ["", "### Notes", "", *notes] if notes else []
-    return "\n".join(lines) + "\n"
 
 
 def in_brief(panels: Sequence[PageItem]) -> list[PageItem]:

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from nsaid_mj.core.laws.base import Estimates, Identifier, State, Status
 from nsaid_mj.core.laws.config import IdentifierConfig, NullspaceAID
 from nsaid_mj.core.log import Log, Measurement
-from nsaid_mj.core.nullspace.subspace import Nullspace, structural
+from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.core.parameters import Array, Block, ParameterSpace
 from nsaid_mj.core.structure.parts import Body, Column, Inertia
 from nsaid_mj.core.structure.structure import Structure
@@ -60,7 +60,7 @@ class Bench:
 
     @cached_property
     def nullspace(self) -> Nullspace:
-        return structural(self.system, self.truth, np.random.default_rng(0))
+        return Nullspace.structural(self.system, self.truth, np.random.default_rng(0))
 
     def prior(self, error: float, seed: int = 2) -> Array:
         """(p,) the truth, off by up to ±error."""

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 
 from ...base import require
 from ...lab import folder_for
-from ...report import code_of
+from ...report import ExitCode
 from .checks import check_live, names_in
 
 if TYPE_CHECKING:
     from ...lab import Observer
-    from ..session import LiveEstimate
+    from ..session import LiveEstimate, Session
     from ..walking import Lines
     from .given import ToFollow
 
@@ -65,12 +65,8 @@ def _follow_law(chosen: ToFollow, given: Lines | None) -> int:
             progress.say("loading kernels")
             session.warm_up()
         lines = _source(chosen) if given is None else given
-        space = session.robot.system.space
-        system = session.robot.system
         if chosen.json:
-            widths = {"q": system.m, "v": system.n, "u": system.n_u}
-            head = {"names": space.names, "units": space.units, "widths": widths}
-            print(json.dumps(head | {"folder": str(folder)}, allow_nan=False), flush=True)
+            _print_head(session, folder)
         elif given is None:
             _wait_for(chosen)
         observers: list[Observer] = []
@@ -90,7 +86,15 @@ def _follow_law(chosen: ToFollow, given: Lines | None) -> int:
         print(json.dumps(found, ensure_ascii=False, allow_nan=False))
     elif not chosen.quiet:
         print_result(f"{name} live", result, folder)
-    return code_of(result)
+    return ExitCode.of(result)
+
+
+def _print_head(session: Session, folder: Path) -> None:
+    """Prints the first line of JSON: parameters and the numbers of values of a sample."""
+    system = session.robot.system
+    widths = {"q": system.m, "v": system.n, "u": system.n_u}
+    head = {"names": system.space.names, "units": system.space.units, "widths": widths}
+    print(json.dumps(head | {"folder": str(folder)}, allow_nan=False), flush=True)
 
 
 def _wait_for(chosen: ToFollow) -> None:
@@ -123,7 +127,7 @@ def _follow_walking(chosen: ToFollow, joints: tuple[str, ...], lines: Lines) -> 
         page, written = write(found, folder, lambda _: None)
         if not chosen.quiet:
             print_page(page, Console(), written)
-    return code_of(page.result)
+    return ExitCode.of(page.result)
 
 
 def _send(estimate: LiveEstimate) -> None:

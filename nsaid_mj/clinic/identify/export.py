@@ -21,10 +21,8 @@ from ...robots import (
     actuators_of,
     mjcf_text,
     with_inertias,
-    write_mjcf,
-    write_sysid,
+    write_model,
     write_table,
-    write_urdf,
 )
 from ..logs.recordings import Recordings
 from .joints import joint_of
@@ -44,11 +42,11 @@ def write_models(result: Identification, folder: Path) -> tuple[list[Path], list
     values = identified(result)
     if robot.kind == "urdf":
         files.append(folder / f"{_file_name(robot.name)}.urdf")
-        write_urdf(robot, values, files[-1])
+        write_model(robot, values, files[-1])
     files.append(folder / f"{_file_name(robot.name)}.xml")
-    write_mjcf(robot, values, files[-1])
+    write_model(robot, values, files[-1])
     files.append(folder / "sysid.yaml")
-    write_sysid(robot, values, files[-1])
+    write_model(robot, values, files[-1])
     return files, [_followed(result, values)]
 
 

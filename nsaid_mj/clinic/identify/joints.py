@@ -10,6 +10,7 @@ system, whose regressor is computed and filtered once; a choice takes some of th
 
 from __future__ import annotations
 
+import copy
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -182,6 +183,15 @@ class JointRows(Rows):
             return rows
         found = np.zeros_like(rows)
         found[:, list(coupling.leaders)] = np.einsum("jk,njp->nkp", coupling.ratio, rows)
+        return found
+
+    def leading(self, lead: float) -> JointRows:
+        """The rows with dry friction that turns so long [s] before the velocity does."""
+        found = copy.copy(self)
+        found.motions = [motion._replace(v=motion.v + lead * motion.a) for motion in self.motions]
+        found.diagonal = Diagonal(found._fastened)
+        same = [name for name in self.diagonal if name not in FASTENED]
+        found.diagonal.update({name: self.diagonal[name] for name in same})
         return found
 
     def reweigh(self, links: Array) -> None:

@@ -21,6 +21,7 @@ _UP = np.array(
         np.cos(_ELEVATION),
     ]
 )
+_COLUMN = 9  # names in one column, at most: a second one takes a third of the width
 _COLOURS = {"good": COLOURS[3], "fair": COLOURS[5], "poor": BAD}
 
 
@@ -66,7 +67,7 @@ def picture(result: Identification) -> PageFigure | None:
             axis.plot(*at, "o", color=colour, markersize=6.5, zorder=3)
         _labels(axis, names, joints, low, high, figure)
         legend = [
-            (words_, colour, "-")
+            (words_, colour, ".")
             for kind, words_, colour in (
                 ("good", "held-out NRMSE < 20 %", _COLOURS["good"]),
                 ("fair", "< 50 %", _COLOURS["fair"]),
@@ -88,11 +89,11 @@ def _floor(segments: Array, size: float) -> Array:
 def _labels(
     axis: Axes, names: list[str], joints: Array, low: Array, high: Array, figure: Figure
 ) -> None:
-    """Names in two columns beside the robot, each with a line to its joint."""
+    """Names in one column beside the robot, two if they are many, each with a line to its joint."""
     middle = np.median(joints[:, 0])
     order = np.argsort(joints[:, 0], kind="stable")
     left, right = np.array_split(order, 2)
-    if len(names) <= 3 or np.ptp(joints[:, 0]) < 1e-9 * max(1.0, abs(middle)):
+    if len(names) <= _COLUMN or np.ptp(joints[:, 0]) < 1e-9 * max(1.0, abs(middle)):
         left = np.zeros(0, dtype=int)
         right = np.arange(len(names))
     width, height = figure.get_size_inches()

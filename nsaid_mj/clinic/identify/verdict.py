@@ -138,6 +138,8 @@ def _of_predictions(joints: Sequence[JointStructure], arm: bool) -> tuple[Explai
         figures += f"; of {', '.join(noisy)} that is the noise of the command itself"
     if poor:
         names = ", ".join(part.name for part in poor)
+        if len(poor) == len(parts) > 1:
+            names = f"any of the {len(parts)} {of}"
         return explains, (
             f"The structure does not explain the motion of {names}: {figures}. "
             f"Do not trust parameters of these {of}."
@@ -169,5 +171,6 @@ def _in_forces(worst: JointStructure) -> str:
 
 def _range(nrmse: Array) -> str:
     """The least and the largest error, in percent."""
-    ends = dict.fromkeys(f"{100 * end:.2g}" for end in (np.nanmin(nrmse), np.nanmax(nrmse)))
+    each = [100 * float(end) for end in (np.nanmin(nrmse), np.nanmax(nrmse))]
+    ends = dict.fromkeys(f"{x:.2g}" if x < 99.5 else f"{x:.0f}" for x in each)
     return f"{' to '.join(ends)} %"

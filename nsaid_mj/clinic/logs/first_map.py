@@ -127,7 +127,19 @@ _IN_SPACE = {
         "quatx quaty quatz quatw",
         "qx qy qz qw",
     ),
-    "linear": ("linearx lineary linearz", "velx vely velz", "vx vy vz"),
+    "euler": (
+        "rolldeg pitchdeg yawdeg",
+        "rollrad pitchrad yawrad",
+        "phi theta psi",
+        "roll pitch yaw",
+    ),
+    "linear": (
+        "linearx lineary linearz",
+        "velx vely velz",
+        "surge sway heave",
+        "u v w",
+        "vx vy vz",
+    ),
     "angular": (
         "angularx angulary angularz",
         "angularvelocityx angularvelocityy angularvelocityz",
@@ -308,10 +320,17 @@ def _vehicle(tables: Sequence[LogTable], robot: RobotModel) -> str:
     spatial = robot.system.m == 7
     lines = ["\n[vehicle]\n"]
     given = motion_columns(channels, spatial)
+    other = "quaternion" if "euler" in given and "quaternion" not in given else "euler"
     for key, choices in (_IN_SPACE if spatial else _IN_PLANE).items():
         found = given.get(key)
+        if key == other:  # one of both tells the orientation
+            continue
         names = json.dumps(found or choices[-1].split(), ensure_ascii=False)
         lines.append(f"{'' if found else '# '}{key} = {names}\n")
+        if key == "euler":
+            most = max(np.abs(values_of(name, tables)).max(initial=0.0) for name in found or [])
+            unit = "deg" if most > 2 * np.pi else "rad"
+            lines.append(f'euler_unit = "{unit}"  # their largest is {most:.3g}\n')
     if spatial:
         lines.append(_AXES)
     else:
@@ -354,12 +373,18 @@ def lacking(channels: Collection[str], robot: RobotModel) -> tuple[list[str], li
     given = motion_columns(channels, spatial)
     driven = set(candidates(channels, robot.joints)["command"])
     keys = _IN_SPACE if spatial else _IN_PLANE
-    missing = [_WORDS[key] if spatial else _FLAT[key] for key in keys if key not in given]
+    lacks = [key for key in keys if key not in given]
+    if spatial:  # what is required, as below
+        lacks = [] if {"quaternion", "euler"} & given.keys() else ["quaternion"]
+    missing = [_WORDS[key] if spatial else _FLAT[key] for key in lacks]
     if len(driven) != 1:
         missing.append(f"the commands of {', '.join(robot.joints)}")
     known = [f"{key} ({', '.join(names)})" for key, names in given.items()]
     reasons = [f"Names tell {'; '.join(known)}."] if known else []
-    if spatial:
+    if not missing:
+        missing = ["the motion and the commands, without a map of their axes and units"]
+        reasons.append("The first map has these columns: check axes and units there.")
+    elif spatial:
         reasons.append(
             "Required are the orientation and the commands. Position or linear velocity, and "
             "angular velocity, are differentiated if one of each is missing. With neither position "

@@ -1,6 +1,6 @@
 """Mapping of a log's channels to a robot's q, v and u."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -15,7 +15,18 @@ from . import matching, signals
 from .evidence import limits
 from .flight import flight_map
 from .imu import ImuColumns, imu_columns
-from .mapping import ChannelSource, ColumnMap, Factors, Joint, Map, Quantity, Vehicle, matrix, si
+from .mapping import (
+    ChannelSource,
+    ColumnMap,
+    Factors,
+    Joint,
+    Map,
+    Pd,
+    Quantity,
+    Vehicle,
+    matrix,
+    si,
+)
 from .pd_law import PdLaw, known_gains
 from .tables import Channel, LogTable, channel_names, told_apart, values_of
 from .unusable import UnmatchedChannels
@@ -145,6 +156,24 @@ def _mixed(raw: Array, matrix: Array | None) -> Array:
     return raw if matrix is None else raw @ matrix.T
 
 
+def with_servos(mapping: Map, robot: RobotModel, tables: Sequence[LogTable]) -> Map:
+    """The map, with [pd] if a robot that walks under its file's position servos logs their targets.
+
+    Under contact a servo's targets cannot be simulated, while its torques are known but for kp.
+    """
+    channels = channel_names(tables)
+    servos = robot.servos is not None and mapping.pd is None
+    if not servos or imu_columns(mapping, channels, robot.walks) is None:
+        return mapping
+    joints = [name for name in matching.named(robot) if name in robot.leaders]
+    stated = mapping.joints.values()
+    if any(joint.command is not None and joint.command.is_position for joint in stated):
+        return replace(mapping, pd=Pd())
+    if not stated and matching.match_targets(channels, joints):
+        return replace(mapping, pd=Pd())
+    return mapping
+
+
 def layout(
     mapping: Map | None, robot: RobotModel, tables: Sequence[LogTable], targets: bool = False
 ) -> Layout:
@@ -207,11 +236,11 @@ def layout(
             for name, j in own
         ),
         tuple(
-            ChannelSource(
+            _source(
                 "command",
                 j.command,
-                j.command.factor("position" if targets else "command")
-                * factors.of("command", name),
+                scale=factors.of("command", name),
+                unit_of="position" if targets else "command",
             )
             if j.command
             else None
@@ -343,9 +372,20 @@ def with_angles(table: LogTable, robot: RobotModel) -> LogTable:
 
 
 def _source(
-    quantity: Quantity, column: ColumnMap, angle: bool = False, scale: float = 1.0
+    quantity: Quantity,
+    column: ColumnMap,
+    angle: bool = False,
+    scale: float = 1.0,
+    unit_of: Quantity | None = None,
 ) -> ChannelSource:
-    return ChannelSource(quantity, column, column.factor(quantity) * scale, angle)
+    """The source of a column times a scale, with a unit of `quantity`, or of another one."""
+    factor = scale * column.factor(unit_of or quantity)
+    if column.points is not None:
+        (value, position), (other, there) = column.points
+        column = replace(column, points=((value, scale * position), (other, scale * there)))
+    else:
+        column = replace(column, offset=scale * column.offset)
+    return ChannelSource(quantity, column, factor, angle)
 
 
 def _ordered(mapping: Map, names: Sequence[str]) -> list[Joint]:
@@ -359,12 +399,16 @@ def _ordered(mapping: Map, names: Sequence[str]) -> list[Joint]:
         joints = {true: mapping.joints[name] for name, true in zip(names, order, strict=True)}
     for what in ("position", "velocity", "command"):
         swaps = getattr(mapping.order, what)
-        for joint in {*swaps, *swaps.values()} - set(names):
-            known = f"The robot's actuated joints are {', '.join(names)}."
-            raise InvalidInput(f"map: order.{what}", "joints of the robot", joint, known)
+        _check_order(what, swaps, names)
         taken = {joint: getattr(joints[other], what) for joint, other in swaps.items()}
         joints = joints | {j: replace(joints[j], **{what: column}) for j, column in taken.items()}
     return [joints[name] for name in names]
+
+
+def _check_order(what: Quantity, swaps: Mapping[str, str], names: Sequence[str]) -> None:
+    for joint in {*swaps, *swaps.values()} - set(names):
+        known = f"The robot's actuated joints are {', '.join(names)}."
+        raise InvalidInput(f"map: order.{what}", "joints of the robot", joint, known)
 
 
 def _existing(made: Layout, channels: list[str]) -> Layout:
@@ -400,6 +444,10 @@ def _of_vehicle(
         actuators = {name.replace("_", " "): column for name, column in mapping.actuators.items()}
         plain = [name.replace("_", " ") for name in robot.joints]
         _check_vehicle(vehicle, m, n, [name for name in plain if name not in actuators])
+        swaps = mapping.order.command
+        _check_order("command", swaps, robot.joints)
+        taken = {a: actuators[b.replace("_", " ")] for a, b in swaps.items()}
+        actuators |= {a.replace("_", " "): column for a, column in taken.items()}
         parts = [
             [_signed(name, channels) for name in vehicle.pose],
             [

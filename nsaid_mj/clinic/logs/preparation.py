@@ -24,7 +24,15 @@ from .cleaning import (
     short_stated,
 )
 from .imu import held_still, read_imu
-from .layout import ChannelSource, Layout, apart, layout, pose_velocity, with_angles
+from .layout import (
+    ChannelSource,
+    Layout,
+    apart,
+    layout,
+    pose_velocity,
+    with_angles,
+    with_servos,
+)
 from .mapping import Map
 from .pd_law import held_mean
 from .phases import LogPhase, events_of, phases, phases_stated
@@ -68,6 +76,7 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
     """
     mapping = mapping or Map()
     tables = [with_angles(table, robot) for table in apart(mapping, robot, tables)]
+    mapping = with_servos(mapping, robot, tables)
     made = layout(mapping, robot, tables)
     findings = [finding for table in tables for finding in table.findings]
     if made.assumed:

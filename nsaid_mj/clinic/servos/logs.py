@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...base import Finding, InvalidInput, pin, refused
+from ...base import Finding, InvalidInput, pin
 from ...core import Array, JointTree
 from ...lab import followed_targets
 from ...robots import RobotModel, Servos
@@ -170,7 +170,7 @@ def read_servo_logs(
     measured = np.concatenate([log.position for log in logs])
     findings += _in_one(beyond_limits(measured, fast, robot), robot, measured)
     findings += _motionless(logs)
-    if refused(findings):
+    if Finding.refused(findings):
         raise UnusableLog(tuple(findings))
     return tuple(weighed(model, log) for log in logs), tuple(findings)
 

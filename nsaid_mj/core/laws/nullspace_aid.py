@@ -9,7 +9,7 @@ import numpy as np
 
 from ...base import InvalidInput, beside
 from ..log import Log, Measurement
-from ..numerics.lanes import WIDTH
+from ..numerics.lanes import COMPILED, WIDTH
 from ..parameters import Array
 from ..structure.motion import Motion
 from ..structure.system import SecondOrderSystem, checked
@@ -302,7 +302,8 @@ def _fit_in_lanes(runs: Sequence[tuple[NullspaceIdentifier, State]], motion: Mot
     """Whether identifiers with their states can take their steps together."""
     kinds = {(type(law.metric), law._gain.shape, law.metric.Gamma.shape) for law, _ in runs}
     return (
-        len(runs) > _FEW
+        COMPILED
+        and len(runs) > _FEW
         and len(kinds) == 1
         and runs[0][0].metric.together
         and not motion.outside.address

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Any, cast
 
 from llvmlite import ir
-from numba import types
+from numba import config, types
 from numba.core import cgutils
 from numba.core.typeconv import Conversion
 from numba.extending import (
@@ -28,6 +28,8 @@ from numba.np.arrayobj import make_array, populate_array
 
 WIDTH = 8
 """Doubles in the widest vector register of today's processors."""
+COMPILED = not config.DISABLE_JIT
+"""Whether kernels are compiled: as plain Python they cannot serve several runs at once."""
 
 
 class Lanes(types.Type):

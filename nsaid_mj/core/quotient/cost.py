@@ -2,8 +2,8 @@
 
     R(θ) = ½ Σ_i w_i λ_i(θ),    λ_i(θ) = θᵀ G_i θ / θᵀ Σ_i θ,
 
-with G_i ⪰ 0 the Gramian of row i of the momentum balance and Σ_i ⪰ 0 that of the actuators' effort:
-the residual is measured relative to the effort, as if every command had a relative error.
+with G_i ⪰ 0 the Gramian of row i of the momentum balance, and Σ_i ⪰ 0 that of the actuators'
+effort. The residual is thus relative to the effort, which makes R independent of the scale of θ.
 θᵀ∇R = 0, and ∇Rᵀ θ* ≤ 0 for every true θ* where Σ_i is diagonal (docs/theory.md).
 
 The law `memory`, the batch fit of a log and weighted least squares minimise it with other weights.

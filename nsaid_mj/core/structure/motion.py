@@ -1,4 +1,4 @@
-"""The parts of a log's motion that no estimate changes: kinematics, forces, momentum balance.
+"""All along a log that does not depend on θ̂: kinematics, forces, momentum balance.
 
 Any number of identifiers can share a `Motion`. A stage of RK4 computes â of (29) and Wᵀ Δv from it.
 """

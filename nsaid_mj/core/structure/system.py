@@ -11,7 +11,7 @@ acceleration, u command, θ (p,) parameters. F is always evaluated at the measur
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from functools import cached_property
 from typing import Any, NamedTuple, Self
@@ -24,8 +24,10 @@ from ..log import Log, Measurement
 from ..parameters import Array, Indices, ParameterSpace, finite
 from .arrays import StructureArrays
 from .configuration_space import plain
-from .contacts import eliminated_balance, without_contact_forces
+from .contacts import contact_jacobians, eliminated_balance, without_contact_forces
+from .information import acceleration_rows, information_along, torques_along
 from .motion import Motion, accelerate_at, along, balance, write_motion
+from .parts import ContactPoint
 from .regressor import write_regressors
 from .sensing import SensedKinematics
 from .structure import Structure
@@ -178,6 +180,53 @@ class SecondOrderSystem(SensedKinematics, ABC):
         states = np.empty((count, size))
         middles = np.empty((count - 1, size))
         return states, middles, np.empty((3, count - 1, len(self.structure.arrays.nonzeros)))
+
+    def contact_jacobians(self, contacts: Sequence[ContactPoint], q: Array) -> tuple[Array, Array]:
+        """(N, c, n) J and (N, k, 3) the places of k contacts at positions q (N, m).
+
+        Both are in the common frame: of a floating base its own at each sample, else the world's.
+        Rows follow one another contact by contact, forces [linear, then angular if flat].
+        """
+        return contact_jacobians(self.structure, contacts, q)
+
+    def torques(self, theta: Array, q: Array, v: Array, a: Array) -> Array:
+        """(N, n) forces of a motion q (N, m), v (N, n), a (N, n) under θ (p,), without commands."""
+        found = np.empty(v.shape)
+        motion = map(plain, (q, v, a))
+        torques_along(self.structure.arrays, *self.structure.memory(), theta, *motion, found)
+        return found
+
+    def acceleration_rows(self, log: Log, theta: Array) -> Array | None:
+        """(N, n, p) −M⁻¹ W diag(scale) along a log at θ (p,); None where M is not ≻ 0."""
+        rows = np.empty((len(log.t), self.n, self.p))
+        own = (self.structure.arrays, *self.structure.memory())
+        scale = np.array(self.space.scale)
+        return rows if acceleration_rows(*own, log.q, log.v, log.u, theta, scale, rows) else None
+
+    def add_information(
+        self,
+        J: Array,
+        log: Log,
+        theta: Array,
+        basis: Array,
+        first: Array,
+        noise: Array,
+        root: bool = False,
+    ) -> bool:
+        """Adds a log's information about θ_⊥ to J (d, d); returns whether M and S stayed ≻ 0.
+
+        Args:
+            J: (d, d) information.
+            log: the motion.
+            theta: (p,) at which the system is linearised.
+            basis: (p, d) Z of θ/scale = Z θ_⊥ + const.
+            first: (2n,) variances of the state at the first sample.
+            noise: (2n,) variances of the noise at all others.
+            root: whether J holds an upper triangular A with Aᵀ A in its place.
+        """
+        own = (self.structure.arrays, *self.structure.memory())
+        scale = np.array(self.space.scale)
+        return bool(information_along(*own, theta, scale, basis, first, noise, *log, J, root))
 
     # -- regressors of samples, unchecked --------------------------------------------------------
 

@@ -1,4 +1,4 @@
-"""Batch least squares: ordinary, filtered and weighted as in common practice, and total.
+"""Batch least squares: ordinary (OLS), filtered and reweighted (WLS), and total (TLS).
 
 All regressors, rows of W θ = 0 (13), are those of θ/scale. A log contains no information on the
 common scale of θ; the prior fixes it: Σ k_i/scale_i over the actuator gains keeps its value.

@@ -79,7 +79,7 @@ class ColumnRow(SheetTable):
                 f"column {self.name}: guess",
                 "a magnitude > 0, as the value is 0",
                 "none",
-                "Say what you would expect before any measurement.",
+                "Give the order of magnitude that you expect, e.g. 10.",
             )
         return self
 

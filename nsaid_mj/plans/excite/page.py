@@ -85,9 +85,9 @@ def statements(document: dict[str, Any]) -> list[str]:
         f"{needed - count} of {needed} observable directions will be known, "
         + (f"{count} remain weak." if count else "none remains weak.")
     ]
-    measured = ", ".join(f"{h}: {rank}" for h, rank in document["harmonics"]["measured"])
+    measured = [f"{rank} with {h}" for h, rank in document["harmonics"]["measured"]]
     if measured:
-        lines.append(f"Rank by number of harmonics: {measured}, of p − r = {needed}.")
+        lines.append(f"Excited directions by number of harmonics: {', '.join(measured)}.")
     return lines
 
 

@@ -17,7 +17,6 @@ from ...report import (
     Plots,
     Scene,
     lines_of,
-    markdown,
     path,
     result_view,
     robot_view,
@@ -79,7 +78,7 @@ def record(
             scene.log_poses(rec, t[frames], q[frames])
             _log_reference(rec, system, t[frames], desired[frames], camera.size)
 
-    return write_recording(file, file.parent.name, layout, {"result": markdown(page)}, lines, draw)
+    return write_recording(file, file.parent.name, layout, {"result": page.markdown()}, lines, draw)
 
 
 def _log_reference(

@@ -313,7 +313,7 @@ def medians_in_words(study: Study) -> str:
     several = len(study.seeds) > 1
     whose = f"Medians over {len(study.seeds)} seeds, worst in brackets, of" if several else "Of"
     return (
-        f"{whose} the last {study.settings['last_seconds']:g} s, from true positions; "
+        f"{whose} the last {study.settings['last_seconds']:.3g} s, from true positions; "
         f"{study.scenario.sensors} sensors. "
         "Effort: peak command, in % of its limit; at limit: share of the time at the limit."
     )

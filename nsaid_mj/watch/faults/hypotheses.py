@@ -18,10 +18,8 @@ from ...core import (
     Cone,
     Indices,
     ParameterSpace,
+    PointMasses,
     SecondOrderSystem,
-    carrier,
-    point_mass,
-    submerged,
 )
 from .evidence import Jump
 
@@ -241,15 +239,16 @@ def most_changed(space: ParameterSpace, friction: Hypothesis, jump: Jump) -> Hyp
 def _payloads(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
     """Payloads on the last body: its mass, first moments and, in air, second moments.
 
-    A heavy one changes the parameters of a link by far: the filter, linearised at the link's own,
-    would not converge, as its steps are at most a share of these. It therefore starts with a ball
-    of typical mass at the joint.
+    A heavy payload multiplies the parameters of a light link. The filter would not converge from
+    the link's own parameters, because a step is at most a share of these. Trials of heavy payloads
+    therefore start with a ball of typical mass at the joint.
     """
     space = system.space
-    name = carrier(system.space)
+    masses = PointMasses(space)
+    name = masses.carrier
     bodies = {block.name: place for block, place in space if block.geometry == "pseudo_inertia"}
     if name not in bodies:
-        return [_submerged_payload(space)] if submerged(space) else []
+        return [_submerged_payload(space)] if masses.submerged else []
     place = bodies[name]
     whole = sum(float(space.scale[at][0]) for at in bodies.values())
     scale = space.scale[place]
@@ -271,9 +270,10 @@ def _payloads(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
 def _submerged_payload(space: ParameterSpace) -> Hypothesis:
     """A payload on a body in water."""
     mass = float(space.scale[space["mass matrix"]][0])
-    own = point_mass(space, mass, np.zeros(3))
+    masses = PointMasses(space)
+    own = masses.change(mass, np.zeros(3))
     reach = 0.3
-    arms = [point_mass(space, mass, reach * e) - own for e in np.eye(3)]
+    arms = [masses.change(mass, reach * e) - own for e in np.eye(3)]
     rows, columns = np.triu_indices(6)
     turning = space["mass matrix"].start + np.flatnonzero((rows >= 3) & (columns >= 3))
     moments = [mass * reach**2 * np.eye(len(space))[i] for i in turning]

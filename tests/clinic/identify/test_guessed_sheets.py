@@ -35,7 +35,7 @@ torque = 5.0e-8
 """
 ANOTHER_CURVE = OTHER_ROV.replace("15.0, 300.0, -690.0, 665.0, -240.0", "18.0, 34.0")
 CASES = [
-    ("bluerov2", ROV, OTHER_ROV, 20.0),
+    pytest.param("bluerov2", ROV, OTHER_ROV, 20.0, marks=pytest.mark.slow),
     ("hummingbird", QUADROTOR, OTHER_QUADROTOR, 10.0),
     pytest.param("bluerov2", ROV, ANOTHER_CURVE, 30.0, marks=pytest.mark.slow),
 ]

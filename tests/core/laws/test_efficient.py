@@ -15,7 +15,7 @@ from nsaid_mj.core.laws.efficient.estimator import KalmanFilter
 from nsaid_mj.core.laws.efficient.noise import Noise, add_increment
 from nsaid_mj.core.laws.settings import EfficientConfig
 from nsaid_mj.core.log import Log
-from nsaid_mj.core.nullspace.subspace import structural
+from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.core.quotient.cone import Cone
 from nsaid_mj.core.structure.joints import JointScales
 from nsaid_mj.core.structure.multibody import CompiledMultibody
@@ -49,7 +49,7 @@ class Followed(NamedTuple):
         system, theta = self.setup.system, self.state.theta_hat
         stated = self.setup.identifiers()[""].confidence(self.state)
         assert stated is not None
-        nullspace = structural(system, theta, np.random.default_rng(0))
+        nullspace = Nullspace.structural(system, theta, np.random.default_rng(0))
         return known(stated, theta, nullspace, system.space)
 
     @property

@@ -21,7 +21,7 @@ from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.core.laws.settings import MemoryConfig
 from nsaid_mj.core.log import EXACT, Measurement, SensorLevels
 from nsaid_mj.core.log import Log as Measured
-from nsaid_mj.core.nullspace.subspace import Nullspace, structural
+from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.core.quotient.cost import Quotient, Remembered
 from nsaid_mj.lab.control.driver import Driver
@@ -77,7 +77,7 @@ def stepper(law: NullspaceIdentifier) -> ImplicitMemory:
 @cache
 def nullspace(name: str) -> Nullspace:
     plant = scenario_plant(name)
-    return structural(plant.system, plant.truth, np.random.default_rng(0))
+    return Nullspace.structural(plant.system, plant.truth, np.random.default_rng(0))
 
 
 def distance(name: str, theta: Array) -> float:
@@ -361,7 +361,9 @@ def knowledge(law: NullspaceIdentifier, state: State) -> KnownDirections:
     stated = law.confidence(state)
     assert stated is not None
     system, theta = law.system, state.theta_hat
-    return known(stated, theta, structural(system, theta, np.random.default_rng(0)), system.space)
+    return known(
+        stated, theta, Nullspace.structural(system, theta, np.random.default_rng(0)), system.space
+    )
 
 
 @cache

@@ -20,7 +20,7 @@ from nsaid_mj.core.laws.efficient.steps import carry_scale, margin_of, project_i
 from nsaid_mj.core.laws.faults import FaultEvent
 from nsaid_mj.core.laws.settings import EfficientConfig
 from nsaid_mj.core.log import Log
-from nsaid_mj.core.nullspace.subspace import parts_of, structural
+from nsaid_mj.core.nullspace.subspace import Nullspace, parts_of
 from nsaid_mj.core.parameters import Block, ParameterSpace
 from nsaid_mj.core.quotient.cone import Cone
 from nsaid_mj.core.structure.system import SecondOrderSystem
@@ -103,7 +103,7 @@ def known_of(found: Ran, widening: float = 1.0) -> KnownDirections:
     stated = setup.identifiers()[""].confidence(found.state)
     assert stated is not None
     stated = widened(stated, widening)
-    nullspace = structural(system, theta, np.random.default_rng(0))
+    nullspace = Nullspace.structural(system, theta, np.random.default_rng(0))
     return known(stated, theta, nullspace, system.space)
 
 
@@ -277,7 +277,7 @@ def test_what_is_learned_while_the_prior_is_far_off_is_not_believed_too_much() -
         found = run_once("f1tenth", seed, 6.0)
         kalman, truth, system = found.own.filter, found.setup.plant.truth, found.setup.system
         space = system.space
-        basis = structural(system, truth, np.random.default_rng(0)).P_perp
+        basis = Nullspace.structural(system, truth, np.random.default_rng(0)).P_perp
         size = np.mean(kalman.theta[space.actuators] / truth[space.actuators])
         off = basis.T @ ((kalman.theta / size - truth) / space.scale)
         squares = size**2 * off @ np.linalg.solve(basis.T @ kalman.Ptt @ basis, off)

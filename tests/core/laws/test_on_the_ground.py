@@ -9,7 +9,7 @@ import pytest
 
 from nsaid_mj.base import InvalidInput
 from nsaid_mj.core import KalmanFilter, Log, MemoryConfig, NullspaceAID
-from nsaid_mj.core.laws.base import Status, gain_deviations
+from nsaid_mj.core.laws.base import Confidence, Status
 from nsaid_mj.core.laws.memory.statistics import Recorder
 from nsaid_mj.core.laws.settings import EfficientConfig
 from nsaid_mj.core.log import EXACT, SensorLevels
@@ -40,7 +40,7 @@ def test_ratios_of_the_gains_are_found_while_it_walks(run):
     assert state.status is Status.completed
     assert ratio_error(prior) > 0.3
     assert ratio_error(state.theta_hat) < 0.01
-    stated = gain_deviations(identifier.confidence(state), state.theta_hat, system.space)
+    stated = Confidence.of_gains(identifier.confidence(state), state.theta_hat, system.space)
     ratios = state.theta_hat[-len(GAINS) :] / GAINS
     assert (np.abs(ratios / ratios.mean() - 1) < 3 * stated).all()
     assert (stated < 0.3).all()

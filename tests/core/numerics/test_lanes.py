@@ -7,7 +7,9 @@ import pytest
 from numba import types
 
 from nsaid_mj.core.numerics.kernels import f8, helper, kernel, vector, void
-from nsaid_mj.core.numerics.lanes import WIDTH, as_lanes, widened
+from nsaid_mj.core.numerics.lanes import COMPILED, WIDTH, as_lanes, widened
+
+pytestmark = pytest.mark.skipif(not COMPILED, reason="plain Python has no lanes")
 
 
 class Pair(NamedTuple):

@@ -38,7 +38,7 @@ from nsaid_mj.lab.loop import FAULTS, SimulatedRun, run
 from nsaid_mj.lab.recording import forces, inertia, torques, viewer
 from nsaid_mj.lab.recording.run import write_run_recording
 from nsaid_mj.report.labels import groups
-from nsaid_mj.report.page import Link, Page, Section, Table, markdown
+from nsaid_mj.report.page import Link, Page, Section, Table
 from nsaid_mj.report.panels import Comparison, Panel, spread
 from nsaid_mj.report.recording import layout, lines, plots, scene
 from nsaid_mj.report.recording.stream import write_recording as write_content
@@ -261,7 +261,7 @@ def test_a_table_of_the_first_page_is_as_wide_as_its_view() -> None:
     heads = ["joint", "gain", "spare", "last column"]
     line = ("shoulder", ("1.0", Link("with a mass and many other parameters", "c")), "x" * 60, "y")
     shown = [
-        markdown(Page("r", Result(), sections=[Section("", [table], brief=True)]))
+        Page("r", Result(), sections=[Section("", [table], brief=True)]).markdown()
         for table in (
             Table(heads, [line], spare=[2]),
             Table(heads, [("a" * 40, *line[1:])], spare=[2]),

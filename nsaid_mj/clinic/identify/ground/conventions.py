@@ -18,7 +18,7 @@ import scipy
 from scipy.spatial.transform import Rotation
 
 from ....base import Finding, pin
-from ....core import Array, Elimination, memory_of, torques_along
+from ....core import Array, Elimination
 from ....robots import RobotModel
 from ...logs.imu import GRAVITY
 from ...logs.recordings import Recordings
@@ -131,10 +131,7 @@ class Balance:
         """(6 N,) the links' wrench without contact forces, and (6 N, k) that of unit gains."""
         structure = self._system.structure
         E = Elimination(structure, self.feet, motion.q).E[:, :6]
-        force = np.empty_like(motion.v)
-        parts = (np.ascontiguousarray(x) for x in motion[:3])
-        memory = memory_of(structure.arrays, self._system.n)
-        torques_along(structure.arrays, *memory, self._links, *parts, force)
+        force = self._system.torques(self._links, *motion[:3])
         own = np.einsum("nij,nj->ni", E, force) / self._size
         columns = [6 + j for j in self.driven]
         acting = E[:, :, columns] * motion.u[:, None, self.driven] / self._size[:, None]

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ....core import contact_jacobians, zero_phase
+from ....core import zero_phase
 from ...logs.imu import GRAVITY
 from ...logs.recordings import Recordings
 from ..smoothing import slope
@@ -27,7 +27,7 @@ def with_odometry(rows: GroundRows, seen: Stance) -> Recordings:
     each = zip(rows.segments, rows.motions, seen.normal, strict=True)
     for segment, motion, normal in each:
         assert segment.imu is not None
-        J = contact_jacobians(rows.system.structure, rows.ground.feet, motion.q)[0]
+        J = rows.system.contact_jacobians(rows.ground.feet, motion.q)[0]
         moving = np.hstack([np.zeros_like(motion.v[:, :3]), motion.v[:, 3:]])
         slides = np.einsum("nij,nj->ni", J, moving)
         first = np.cumsum([0, *(foot.rows for foot in rows.ground.feet)])[:-1]

@@ -1,4 +1,4 @@
-"""Statistics of all past data about θ, in constant memory.
+"""What all past data say about θ, as statistics of constant size.
 
 Every row i of the momentum balance (`momentum`), averaged over short blocks, enters a Gramian
 G_i (p, p). The scores of blocks that follow an estimate show its uncertainty.
