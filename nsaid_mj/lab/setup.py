@@ -20,7 +20,6 @@ import numpy as np
 
 from ..base import InvalidInput
 from ..core import (
-    EXACT,
     Array,
     ExpectedGramian,
     Identifier,
@@ -112,7 +111,7 @@ class Setup:
         scenario = self.scenario
         system = self.system
         prior = self.prior
-        levels = scenario.noise.levels if scenario.sensors == "noisy" else EXACT
+        levels = scenario.noise.levels if scenario.sensors == "noisy" else SensorLevels()
 
         @cache
         def gramian() -> Array:

@@ -198,17 +198,36 @@ class Page:
     # by name, of this package and of those that affect its results
     versions: dict[str, str] = field(default_factory=dict)
 
+    def write_html(self, folder: Path) -> Path:
+        """Writes report.html atomically and returns its path."""
+        path = folder / REPORT_FILE
+        write_text(path, render_html(self))
+        return path
+
+    def markdown(self) -> str:
+        """The verdict and findings, and texts, lists and tables of its brief sections."""
+        mark = self.result.mark
+        lines = [f"## {plain(self.heading)}", ""] if self.heading else []
+        lines += [f"**{plain(mark.text)}**", ""] if mark else []
+        lines += [plain(self.lead), ""] if self.lead else []
+        said = list[str]()
+        notes = list[str]()
+        for finding in gathered(self.result.findings):
+            where = f"**{plain(finding.where)}**: " if finding.where else ""
+            line = f"- {where}{plain(f'{finding.text}. {finding.remedy}')}"
+            (notes if finding.level == "note" else said).append(line)
+        lines += said
+        for section in self.sections:
+            if section.brief and (shown := in_brief(section.panels)):
+                lines += ["", *([f"### {plain(section.title)}", ""] if section.title else [])]
+                lines += item_lines([_narrow(p) if isinstance(p, Table) else p for p in shown])
+        lines += ["", "### Notes", "", *notes] if notes else []
+        return "\n".join(lines) + "\n"
+
 
 def count(number: int, singular: str, plural: str = "") -> str:
     """A number with its noun: 1 seed, 2 seeds, 0 seeds."""
     return f"{number} {singular if number == 1 else plural or singular + 's'}"
-
-
-def write_html(page: Page, folder: Path) -> Path:
-    """Writes report.html atomically and returns its path."""
-    path = folder / REPORT_FILE
-    write_text(path, render_html(page))
-    return path
 
 
 def render_html(page: Page) -> str:
@@ -273,27 +292,6 @@ def _environment() -> Any:
         shared_legend=shared_legend,
     )
     return environment
-
-
-def markdown(page: Page) -> str:
-    """A page's verdict and findings, and texts, lists and tables of its brief sections."""
-    mark = page.result.mark
-    lines = [f"## {plain(page.heading)}", ""] if page.heading else []
-    lines += [f"**{plain(mark.text)}**", ""] if mark else []
-    lines += [plain(page.lead), ""] if page.lead else []
-    said = list[str]()
-    notes = list[str]()
-    for finding in gathered(page.result.findings):
-        where = f"**{plain(finding.where)}**: " if finding.where else ""
-        line = f"- {where}{plain(f'{finding.text}. {finding.remedy}')}"
-        (notes if finding.level == "note" else said).append(line)
-    lines += said
-    for section in page.sections:
-        if section.brief and (shown := in_brief(section.panels)):
-            lines += ["", *([f"### {plain(section.title)}", ""] if section.title else [])]
-            lines += item_lines([_narrow(p) if isinstance(p, Table) else p for p in shown])
-    lines += ["", "### Notes", "", *notes] if notes else []
-    return "\n".join(lines) + "\n"
 
 
 def in_brief(panels: Sequence[PageItem]) -> list[PageItem]:

@@ -33,6 +33,7 @@ from scipy.special import gammaincc
 
 from ..core import (
     Array,
+    Cone,
     Confidence,
     EfficientState,
     Indices,
@@ -40,10 +41,7 @@ from ..core import (
     Log,
     ParameterSpace,
     State,
-    cone_of,
     drawn_inside,
-    gain_deviations,
-    inside,
 )
 from .drift import walks
 from .replay import Replay, replay
@@ -179,7 +177,7 @@ def _sound(space: ParameterSpace, theta: Array, prior: Array) -> Array:
     k = space.actuators
     theta = theta.copy()
     theta[k] = np.where(theta[k] == 0, prior[k], np.copysign(theta[k], prior[k]))
-    if inside(cone_of(space), theta):
+    if Cone.of(space).contains(theta):
         return theta
     return drawn_inside(space, theta, 0.0, np.random.default_rng(0))
 
@@ -292,7 +290,7 @@ def shift_of_gains(space: ParameterSpace, theta: Array, P: Array, after: Array) 
     P (p, p) is the covariance of θ/scale.
     """
     stated = Confidence(P * np.outer(space.scale, space.scale), P, np.zeros(0))
-    deviation = np.maximum(gain_deviations(stated, theta, space), _ROUNDING)
+    deviation = np.maximum(Confidence.of_gains(stated, theta, space), _ROUNDING)
     ratio = after[space.actuators] / theta[space.actuators]
     return float(np.max(np.abs(ratio / ratio.mean() - 1) / deviation, initial=0.0))
 

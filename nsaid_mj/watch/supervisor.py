@@ -9,7 +9,7 @@ memory averages over the drift.
 
 from __future__ import annotations
 
-from ..core import ChosenBy, EfficientIdentifier, EfficientState, Log, extended
+from ..core import ChosenBy, EfficientIdentifier, EfficientState, Log
 from .drift import LONGEST, Rivals, walks
 from .faults.isolation import Isolation
 from .faults.trial import LEAD
@@ -92,7 +92,7 @@ class FilterSupervisor:
         if before * self._interval / self._every > _BEGINNING or state.supervision.events:
             beginning = ()
         elif beginning or not before:
-            beginning = extended(beginning, log.first(len(log.t) - 1))
+            beginning = Log.extended(beginning, log.first(len(log.t) - 1))
         return in_motion(state, recent=self._recent(state, log), beginning=beginning)
 
     def _learned_again(self, state: EfficientState, log: Log) -> tuple[EfficientState, bool]:

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from rich.console import Console
 
+from ...base import Finding
 from ...core import Array, Log, number
 from ...report import (
     BAD,
@@ -22,7 +23,6 @@ from ...report import (
     Text,
     count,
     extremes,
-    gravest_first,
     png_of,
     print_findings,
     print_page,
@@ -44,7 +44,7 @@ def print_inspection(found: Inspection, console: Console) -> None:
     column without any entry is left out.
     """
     result = result_of(found)
-    findings = gravest_first(found.findings)
+    findings = Finding.gravest_first(found.findings)
     grave = tuple(finding for finding in findings if finding.level != "note")
     if result.explains is not None:
         print_page(Page("", result), console)

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...core import Array, bones
+from ...core import Array
 from ...report import BAD, COLOURS, GRID, INK, WIDTH, style, svg
 from ...report import Figure as PageFigure
 from . import wording
@@ -34,7 +34,7 @@ def picture(result: Identification) -> PageFigure | None:
     )
     if model is None or model.njoints < 2 or not np.isfinite(segment.log.q[0]).all():
         return None
-    segments = bones(model, poses(result.robot, result.recordings, first)[0])[0]
+    segments = result.robot.system.bones(poses(result.robot, result.recordings, first)[0])[0]
     flat = segments @ np.stack([_RIGHT, _UP], axis=1)  # (bones, 2 ends, 2 axes)
     size = float(np.ptp(flat.reshape(-1, 2), axis=0).max())
     if not np.isfinite(size) or size <= 0:

@@ -24,7 +24,6 @@ from ...report import (
     folds,
     item_lines,
     lines_of,
-    markdown,
     path,
     result_view,
     robot_view,
@@ -72,7 +71,7 @@ def record(page: Page, file: Path) -> Path:
     ends = [float(p.t[-1]) for p in result.curves if isinstance(p, Comparison) and len(p.t)]
     plots = Plots(lines, max(ends) if ends else None)
     layout = _blueprint(result, camera, plots)
-    documents = {"result": markdown(page), "parameters": "\n".join(item_lines(folds(result)))}
+    documents = {"result": page.markdown(), "parameters": "\n".join(item_lines(folds(result)))}
     return write_recording(file, result.robot.name, layout, documents, lines, draw)
 
 
@@ -261,6 +260,6 @@ def record_servos(page: Page, replayed: Replayed, file: Path) -> Path:
             table([p for p in found.parameters if p.label.endswith(f" of {name}")]),
         )
     ]
-    documents = {"result": markdown(page), "parameters": "\n".join(item_lines(by_joint))}
+    documents = {"result": page.markdown(), "parameters": "\n".join(item_lines(by_joint))}
     layout = whole_blueprint(*pages, parameters())
     return write_recording(file, found.robot.name, layout, documents, lines, draw)

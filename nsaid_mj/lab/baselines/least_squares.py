@@ -16,11 +16,9 @@ from ...core import (
     Log,
     Posterior,
     Quotient,
-    Rules,
     SecondOrderSystem,
     continuous_signs,
     decimated,
-    minimise,
     symmetric,
     zero_phase,
 )
@@ -126,7 +124,7 @@ class Gauge:
 
 SMOOTHING = 30.0  # cut-off of the filter on q and v [Hz]
 _FOLDS = 4  # of the cross-validation, contiguous in time
-_RULES = Rules(steps=12, halvings=8, done=0.0, fall=1e-2, reach=np.inf)
+_LIMITS = {"steps": 12, "halvings": 8, "done": 0.0, "fall": 1e-2, "reach": np.inf}
 _IDLE = 1e-9  # ratio of actuator columns to row below which the velocity is not actuated
 
 
@@ -156,7 +154,7 @@ def weighted(gauge: Gauge, W: Array) -> Array:
     force = np.sqrt(quotient.efforts(gauge.start))
     start = gauge.solve((factors / force[:, None, None]).reshape(-1, W.shape[2]))
     J = Posterior(quotient, _Near(gauge.start))
-    return minimise(J, start, _RULES, gauge.tangent).theta
+    return J.minimised(start, gauge.tangent, **_LIMITS)[0]
 
 
 class _Near:

@@ -5,7 +5,7 @@ from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 
 import numpy as np
 
-from ...core import Array, Confidence, Identifier, Log, State, extended, gain_deviations
+from ...core import Array, Confidence, Identifier, Log, State
 from ...watch import (
     CONTRADICTS,
     FEWEST,
@@ -69,7 +69,7 @@ class RunningMisfit:
         if gap or len(known) > self._faults:
             self._begin(len(known))
         self._start = float(log.t[0]) if not self._parts else self._start
-        self._parts = extended(self._parts, log)
+        self._parts = Log.extended(self._parts, log)
         while len(self._parts) > 1 and self._parts[1].t[0] < log.t[-1] - LONGEST:
             self._parts = self._parts[1:]
         duration = float(log.t[-1]) - self._start
@@ -83,7 +83,7 @@ class RunningMisfit:
             whole = Log.joined(*self._parts)
             whole = whole.part(int(np.searchsorted(whole.t, whole.t[-1] - LONGEST)), len(whole.t))
             stated = self._identifier.confidence(state)
-            deviations = gain_deviations(stated, state.theta_hat, self._system.space)
+            deviations = Confidence.of_gains(stated, state.theta_hat, self._system.space)
             acting = signals_after(self._system, known).acting(self._system, whole)
             given = state.theta_hat, stated, self._prior, acting
             self._found = self._pool.submit(self._judgement, self._log, *given), deviations
@@ -115,11 +115,11 @@ class RunningMisfit:
         stated = self._identifier.confidence(state)
         space = self._system.space
         if self._filter is None or stated is None:
-            return gain_deviations(stated, state.theta_hat, space)
+            return Confidence.of_gains(stated, state.theta_hat, space)
         if self._stated is None or self.level(state) == CONTRADICTS:
-            return gain_deviations(None, state.theta_hat, space)
+            return Confidence.of_gains(None, state.theta_hat, space)
         misfit, least = self._stated
-        own = gain_deviations(widened(stated, misfit.widening), state.theta_hat, space)
+        own = Confidence.of_gains(widened(stated, misfit.widening), state.theta_hat, space)
         return np.maximum(own, misfit.widening * least)
 
     def stop(self) -> None:

@@ -19,7 +19,6 @@ from ...report import (
     groups,
     live_blueprint,
     path,
-    velocity_names,
 )
 from ..observer import Observer, RobotDescription
 from ..scenario import Scenario
@@ -234,7 +233,7 @@ def _target(port: int) -> str:
 
 def _streamed(system: SecondOrderSystem) -> list[Lines]:
     """The streamed curves, without values."""
-    entities = {"velocity_error": velocity_names(system)}
+    entities = {"velocity_error": [f"Δ{name}" for name in system.velocity_names]}
     entities |= {path(*g.key, "estimated"): g.names for g in groups(system.space)}
     none = np.zeros(0)
     found = [

@@ -17,7 +17,6 @@ from ...report import (
     drawing_words,
     item_lines,
     lines_of,
-    markdown,
     spread,
 )
 from ...report import write_recording as write_file
@@ -53,7 +52,7 @@ def write_run_recording(
     robot = RobotDrawing(run, truth)
     name = run.folder.resolve().name
     documents = {
-        "result": markdown(brief(name, result)),
+        "result": brief(name, result).markdown(),
         "statements": "\n".join(item_lines(statements(checks))) or _SHORT,
         "unknown": "\n".join(item_lines(unobservable(result))),
     }

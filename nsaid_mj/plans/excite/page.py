@@ -17,9 +17,7 @@ from ...report import (
     Statistic,
     Table,
     Text,
-    command_names,
     count,
-    velocity_names,
 )
 from ...report import Panel as Curves
 from .designing import Design
@@ -215,9 +213,9 @@ def _motion(found: Design) -> tuple[Curves, Curves]:
     every = max(1, round(1 / (_RATE * found.experiment.scenario.dt)))
     t, _, v, u = (part[::every] for part in log)
     velocity = Curves("Velocities", "v [SI]", key=("motion", "velocity"), page=False)
-    velocity.add_columns(t, v, velocity_names(system, ""))
+    velocity.add_columns(t, v, system.velocity_names)
     command = Curves("Commands", "u [–]", key=("motion", "command"), page=False)
-    command.add_columns(t, u, command_names(system))
+    command.add_columns(t, u, system.command_names)
     return velocity, command
 
 

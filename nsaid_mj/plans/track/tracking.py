@@ -30,7 +30,6 @@ from ...report import (
     Result,
     Statistic,
     Table,
-    command_names,
     count,
     local_rms,
     spread,
@@ -342,7 +341,7 @@ def _commands(course: TrackedCourse) -> Panel:
     shares = motion.u / np.where(motion.u < 0, -low, high)
     title = f"{course.law}: commands over their limits"
     panel = Panel(title, "u [–]", key=("command", course.law), page=False)
-    panel.add_columns(motion.t[rows], shares[rows], command_names(course.setup.system))
+    panel.add_columns(motion.t[rows], shares[rows], course.setup.system.command_names)
     return panel
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import rerun as rr
 
-from ...core import Array, JointTree, SecondOrderSystem, SingleBody, bones
+from ...core import Array, JointTree, SecondOrderSystem, SingleBody
 from ...robots import Looks
 
 ROBOT = "robot"
@@ -66,7 +66,7 @@ class Scene:
         plain = ["".join(c if c.isalnum() else "_" for c in mesh.name) for mesh in self._meshes]
         self._paths = [f"{home}/{i:02}_{name}" for i, name in enumerate(plain)]
         tree = system if isinstance(system, JointTree) else None
-        self._skeleton = tree.model if tree and not self._meshes else None
+        self._skeleton = tree if not self._meshes else None
         self.vehicle = len(body_axes(system)) > 0
         self._place = np.zeros((0, 3))  # (1, 3) a vehicle's last logged position, once there is one
 
@@ -237,7 +237,7 @@ class Scene:
     def _bones(self, q: Array) -> Array:
         """(k, bones, 2, 3) segments between joints, and from joints to their frames [m]."""
         assert self._skeleton is not None
-        return bones(self._skeleton, q)
+        return self._skeleton.bones(q)
 
 
 def _ball(points: Array) -> tuple[Array, float]:

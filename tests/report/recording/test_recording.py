@@ -29,7 +29,7 @@ from nsaid_mj.core.laws.faults import FaultEvent
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.structure.columns.curve import LINEAR, polynomial
 from nsaid_mj.core.structure.joints import JointTree
-from nsaid_mj.core.structure.parts import Body, Column, Inertia, tied
+from nsaid_mj.core.structure.parts import Body, Column, Inertia
 from nsaid_mj.core.structure.structure import Structure
 from nsaid_mj.core.structure.system import SecondOrderSystem
 from nsaid_mj.lab.evaluation.truth import truth_of
@@ -37,8 +37,8 @@ from nsaid_mj.lab.evaluation.truth import truth_of as metrics_truth_of
 from nsaid_mj.lab.loop import FAULTS, SimulatedRun, run
 from nsaid_mj.lab.recording import forces, inertia, torques, viewer
 from nsaid_mj.lab.recording.run import write_run_recording
-from nsaid_mj.report.labels import groups, velocity_names
-from nsaid_mj.report.page import Link, Page, Section, Table, markdown
+from nsaid_mj.report.labels import groups
+from nsaid_mj.report.page import Link, Page, Section, Table
 from nsaid_mj.report.panels import Comparison, Panel, spread
 from nsaid_mj.report.recording import layout, lines, plots, scene
 from nsaid_mj.report.recording.stream import write_recording as write_content
@@ -261,7 +261,7 @@ def test_a_table_of_the_first_page_is_as_wide_as_its_view() -> None:
     heads = ["joint", "gain", "spare", "last column"]
     line = ("shoulder", ("1.0", Link("with a mass and many other parameters", "c")), "x" * 60, "y")
     shown = [
-        markdown(Page("r", Result(), sections=[Section("", [table], brief=True)]))
+        Page("r", Result(), sections=[Section("", [table], brief=True)]).markdown()
         for table in (
             Table(heads, [line], spare=[2]),
             Table(heads, [("a" * 40, *line[1:])], spare=[2]),
@@ -528,7 +528,7 @@ class Sled(SecondOrderSystem):
             Column("thruster", 4, body=0, input=2, point=0 * x, direction=y, curve=weak),
             Column("thruster", 5, body=0, input=2, point=0 * x, direction=-x, curve=weak),
         ]
-        mass = Inertia(0, 0, tied([(0, 0, 0, 1.0), (1, 1, 0, 1.0), (5, 5, 0, 1.0)]))
+        mass = Inertia.tied([(0, 0, 0, 1.0), (1, 1, 0, 1.0), (5, 5, 0, 1.0)])
         structure = Structure([Body("planar")], [mass], columns, 6, 3)
         super().__init__(structure, ParameterSpace(blocks), mounts)
 
@@ -567,9 +567,9 @@ def test_planar_forces_lie_in_the_plane_and_small_ones_are_magnified(tmp_path: P
 
 
 def test_a_bodys_velocities_have_their_names(vehicle: SimulatedRun, arm: SimulatedRun) -> None:
-    assert velocity_names(vehicle.system)[:4:3] == ["Δsurge [m/s]", "Δroll rate [rad/s]"]
-    assert velocity_names(vehicle.system, "")[5] == "yaw rate [rad/s]"
-    assert velocity_names(arm.system)[0] == "Δshoulder_pan_joint [rad/s]"
+    assert vehicle.system.velocity_names[:4:3] == ["surge [m/s]", "roll rate [rad/s]"]
+    assert vehicle.system.velocity_names[5] == "yaw rate [rad/s]"
+    assert arm.system.velocity_names[0] == "shoulder_pan_joint [rad/s]"
 
 
 def test_a_large_block_has_a_page_of_its_own(vehicle: SimulatedRun, arm: SimulatedRun) -> None:
