@@ -146,8 +146,10 @@ def _allowed(rows: GroundRows, fit: Fit, delay: Array) -> tuple[GroundRows, Fit,
 
 def _answered(rows: GroundRows, theta: Array) -> Ground:
     """The rows' ground, with what the base does at steps of held targets."""
-    answer = tuple(rows.answer(number, theta) for number in range(len(rows.motions)))
-    return replace(rows.ground, answer=answer)
+    answer = [np.zeros((0, 3)) for _ in rows.recordings.segments]
+    for number in range(len(rows.motions)):
+        answer[rows.position(number)] = rows.answer(number, theta)
+    return replace(rows.ground, answer=tuple(answer))
 
 
 def filter_of(recordings: Recordings, cutoff: float) -> Filter:
