@@ -19,7 +19,7 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
-from nsaid_mj.core import ContactPoint, contact_jacobians, rebuilt
+from nsaid_mj.core import ContactPoint
 from nsaid_mj.lab.control.gait import Gait
 from nsaid_mj.lab.control.walking import Walk
 from nsaid_mj.robots import load_robot, load_tree, tree_spec
@@ -293,7 +293,7 @@ def _size(robot: Any, legged: Legged) -> Size:
         q[[k + 1 for k in what]] *= -1
     feet = contact_points(robot, legged)
     at = robot.system.position(np.r_[np.zeros(6), q])[None]
-    places = contact_jacobians(robot.system.structure, feet, at)[1][0]
+    places = robot.system.contact_jacobians(feet, at)[1][0]
     height = -float(places[:, 2].min())
     mass = sum(inertia.mass for inertia in robot.model.inertias)
     weight = 9.81 * mass * height
@@ -423,7 +423,7 @@ def _simulated(
     ticks = np.arange(count * every + 1) * _CONTROL
     walk = Walk(stance=tuple(size.q), **legged.walk)
     structure = replace(robot.system.structure, contacts=tuple(size.feet))
-    system = rebuilt(robot.system, structure, robot.system.space)
+    system = robot.system.rebuilt(structure, robot.system.space)
     targets = Gait(walk, system, what.seed)(ticks)
     data.qpos[at] = size.q
     data.qpos[:3] = [0.0, 0.0, size.height * (2 if what.on_stand else 1)]

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ....base import Finding, pin
-from ....core import Array, ContactPoint, contact_jacobians
+from ....core import Array, ContactPoint
 from ....lab import INTERVAL
 from ...logs.imu import GRAVITY
 from ..fit import ConePrior
@@ -68,6 +68,7 @@ _UNSEEN = 1.5e-3
 # friction that differs from tanh(v/s) imitates it, and as it is allowed for
 _WEIGHT = 0.02
 # standard deviation of the mean upward specific force [m/s²], from velocities at the log's ends
+_UNMEASURED = 5.0  # times these sizes where no accelerometer tells the base's motion
 _TOLD = 6e-3  # of a foot, from which it is told [m]
 
 
@@ -190,8 +191,10 @@ def estimated(
     found = -covariance @ slope
     deviation = np.sqrt(np.diag(covariance))
     value = np.zeros(len(entries))
-    for name, least in _LARGE.items():
+    measured = any(entry.kind == "force" for entry in entries)
+    for name, size in _LARGE.items():
         at = np.array([entry.kind == name for entry in entries])
+        least = size if measured else _UNMEASURED * size  # feet that slip imitate a late clock
         if (np.abs(found[at]) > np.maximum(_NOTED * deviation[at], least)).any():
             value[at] = found[at]
     remaining = _covariance(entries, np.array([kind.left for kind in kinds]), _UNSEEN)
@@ -248,18 +251,17 @@ def _columns(rows: GroundRows, entries: list[Entry], theta: Array, delay: Array)
 
 def _moments(rows: GroundRows, number: int, force: Array) -> dict[tuple[int, int], Array]:
     """(M, n) forces per metre of each foot's force if it acts off along its link's axes."""
-    structure = rows.system.structure
     feet = rows.ground.feet
     q = rows.motions[number].q
     flat = [replace(foot, flat=True, radius=0.0) for foot in feet]
-    J, places = contact_jacobians(structure, flat, q)
+    J, places = rows.system.contact_jacobians(flat, q)
     found = {}
     starts = np.cumsum([0, *(foot.rows for foot in feet)])
     for axis in range(3):
         beside: list[ContactPoint] = []
         for foot in flat:
             beside.append(replace(foot, centre=np.asarray(foot.centre) + np.eye(3)[axis]))
-        along = contact_jacobians(structure, beside, q)[1] - places
+        along = rows.system.contact_jacobians(beside, q)[1] - places
         for f in range(len(feet)):
             moment = np.cross(along[:, f], force[:, starts[f] : starts[f] + 3])
             turning = J[:, 6 * f + 3 : 6 * f + 6]

@@ -27,10 +27,6 @@ from ....core import (
     Elimination,
     ParameterSpace,
     Rotor,
-    contact_jacobians,
-    memory_of,
-    slides,
-    torques_along,
 )
 from ....robots import RobotModel
 from ...logs.imu import GRAVITY
@@ -194,7 +190,7 @@ class GroundRows(Rows):
         change = (change * np.sign(self.robot.gain))[:, self.driven] * theta[self.space.actuators]
         E = self.eliminated[number].E
         force = E[:, :, [BASE + j for j in self.driven]] @ change[:, :, None]
-        held = contact_jacobians(self.system.structure, self.ground.feet, motion.q)[0]
+        held = self.system.contact_jacobians(self.ground.feet, motion.q)[0]
         bear = self._bear(number)
         if bear is not None:
             rows = [foot.rows for foot in self.ground.feet]
@@ -219,11 +215,7 @@ class GroundRows(Rows):
         columns, rotors = self.terms(self.space)
         own = [column for column in columns if column.kind != "motor"]
         system = with_columns(self.system, own, rotors, len(self.space))
-        structure = system.structure.arrays
-        found = np.empty_like(motion.v)
-        parts = (np.ascontiguousarray(x) for x in (motion.q, motion.v, motion.a))
-        torques_along(structure, *memory_of(structure, system.n), theta, *parts, found)
-        return found
+        return system.torques(theta, motion.q, motion.v, motion.a)
 
     def _sure(self) -> Mask:
         """(N, n) rows near which no leg is stretched, and in which a velocity's forces appear."""
@@ -241,9 +233,8 @@ class GroundRows(Rows):
         return np.concatenate(found)
 
     def _space(self) -> ParameterSpace:
-        model = self.robot.model
         joints = self.robot.joints
-        blocks = list(link_blocks(model))
+        blocks = link_blocks(self.robot)
         for name in FRICTIONS:
             column = COLUMNS[name]
             kinds = [self._slides(j) for j in range(len(joints))]
@@ -294,7 +285,7 @@ class GroundRows(Rows):
         return found
 
     def _slides(self, joint: int) -> bool:
-        return slides(self.robot.model.joints[joint + 2])
+        return self.robot.system.slides[joint]
 
     def terms(self, space: ParameterSpace) -> tuple[list[Column], list[Rotor]]:
         """Columns of friction, then of motors, and rotors, on the joints' velocities."""
