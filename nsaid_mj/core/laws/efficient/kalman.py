@@ -306,8 +306,8 @@ def follow_filter(
     """Runs the filter along a log of N samples, from its state at the first, which it overwrites.
 
     t (N,) is in s, q is (N, m), v (N, n), u (N, n_u), J (N−1, c, n) the contacts' Jacobian half-way
-    between samples, shifts (N−1, c, n) the density of its error [√s]; rows of `along` are written. Returns the last row processed, and how the loop
-    ended.
+    between samples, shifts (N−1, c, n) the density of its error [√s]; rows of `along` are written.
+    Returns the last row processed, and how the loop ended.
     """
     sizes = v.shape[1], q.shape[1], len(constants.scale), J.shape[1]
     workspace = workspace_for(constants.structure, *sizes)
