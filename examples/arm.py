@@ -36,7 +36,7 @@ scenario = Scenario(
     dt=2e-3,
     sensors="noisy",
 )
-result = run(scenario, Path("runs/example-arm"))
+result = run(scenario, Path("runs/example-arm"), force=True)  # replaces an earlier one
 outcome = finish(result)  # summary.json, report.html and, with Rerun, run.rrd
 outcome.ending.status
 

@@ -38,7 +38,7 @@ scenario = Scenario(
     sensors="noisy",
     record_every=2,
 )
-result = run(scenario, Path("runs/example-rov"))
+result = run(scenario, Path("runs/example-rov"), force=True)  # replaces an earlier one
 outcome = finish(result)
 outcome.ending.status
 

@@ -89,7 +89,9 @@ from .lab.plants.world.mismatch import Mismatch as Mismatch
 from .lab.plants.world.noise import SensorNoise as SensorNoise
 from .lab.plants.world.plant import Plant as Plant
 from .lab.plants.world.sensors import Sensors as Sensors
+from .lab.postprocessing import ThetaBar as ThetaBar
 from .lab.postprocessing import finish as finish
+from .lab.postprocessing import theta_bar as theta_bar
 from .lab.record import Record as Record
 from .lab.scenario import Scenario as Scenario
 from .robots.model import RobotModel as RobotModel

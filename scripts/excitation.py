@@ -61,7 +61,7 @@ def experiment_of(name: str) -> Scenario:
 def error_of(scenario: Scenario, folder: Path) -> float:
     """The largest error of the ratios of gains at the end of a run; inf if it fails."""
     try:
-        found = run(scenario, folder)
+        found = run(scenario, folder, force=True)
     except NsaidError:
         return float("inf")
     theta, truth = found.record["theta_hat"][-1], truth_of(found).theta

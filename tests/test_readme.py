@@ -9,13 +9,14 @@ from importlib import import_module
 from pathlib import Path
 from unittest import mock
 
+import mujoco
 import numpy as np
 import pytest
 
 from nsaid_mj import ArmPlant, FourierTracking, Scenario
 from nsaid_mj.lab.evaluation.summary import result_from
 from nsaid_mj.lab.setup import trajectory
-from nsaid_mj.report.exit_codes import code_of
+from nsaid_mj.report import ExitCode
 from nsaid_mj.robots.assets import known_robots, scenarios
 from tests.support.faulty import shell
 
@@ -156,6 +157,9 @@ def test_the_newcomers_path_leads_to_a_calibrated_robot(
         "sysid.yaml",
     ):
         assert (workplace / "calibrated" / name).is_file()
+    model = mujoco.MjModel.from_xml_path("calibrated/my_arm.xml")
+    gains = model.actuator_gear[:, 0] * model.actuator_gainprm[:, 0]
+    assert gains == pytest.approx(true_gains * 0.72 / true_gains[0], rel=0.03)
     for code in blocks(page, "python"):
         found = execute(code)["found"]
         gains = np.array([gain.value for gain in found.of("motor gain")])
@@ -285,7 +289,7 @@ def test_the_readmes_commands_identify_the_users_own_urdf(workplace: Path) -> No
         short = ["--duration", "0.3", "--held-out", "0.2", "--pe-window", "0.1"]
         code, said = shell(*words, *short, "--out", f"out{number}", "--quiet")
         summary = json.loads((workplace / f"out{number}" / "summary.json").read_text("utf-8"))
-        assert code == code_of(result_from(summary)), said.err  # so short a run may end with ✘
+        assert code == ExitCode.of(result_from(summary)), said.err  # so short a run may end with ✘
 
 
 # -- links and references ----------------------------------------------------------------------

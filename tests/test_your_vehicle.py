@@ -37,7 +37,7 @@ def test_the_page_has_three_files_two_commands_and_one_python_block():
         "hexa/hexa.py",
     ]
     assert len(COMMANDS) == 2 + 2  # of a log of one's own
-    own = ["sh", "sh", "python", "sh", "toml"]
+    own = ["toml", "sh", "sh", "python", "sh", "toml"]
     assert [kind for kind, name, _ in BLOCKS if not name] == own
 
 

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 from nsaid_mj.lab.plants.conversion import (
     GRAVITY,
     Array,
+    Block,
     Blueprint,
     BodyInertia,
     Column,
@@ -19,16 +20,13 @@ from nsaid_mj.lab.plants.conversion import (
     Operation,
     Positive,
     SheetTable,
+    Term,
     VehicleSheet,
     check_inertia,
-    guessed,
     hidden,
-    inertial_block,
-    named,
     one,
     rotor_terms,
     several,
-    term,
 )
 
 _AIR = Fluid(
@@ -38,7 +36,23 @@ _AIR = Fluid(
     ("body drag",),
 )
 _UP = (0.0, 0.0, 1.0)
+_FRAMES = {  # places of the rotors, times arm/√2, and the signs of their torques
+    # PX4's and ArduPilot's motors 1 to 4: front right, rear left, front left, rear right
+    "x": ([[1.0, -1.0], [-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0]], [-1.0, -1.0, 1.0, 1.0]),
+    # theirs of a cross: right, left, front, rear
+    "+": (
+        [[0.0, -(2**0.5)], [0.0, 2**0.5], [2**0.5, 0.0], [-(2**0.5), 0.0]],
+        [-1.0, -1.0, 1.0, 1.0],
+    ),
+    # Betaflight's: rear right, front right, rear left, front left
+    "betaflight": ([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]], [1.0, -1.0, -1.0, 1.0]),
+}
 _Place = Annotated[list[Number], Field(min_length=2, max_length=2)]
+
+
+def _digits(value: float) -> float:
+    """Three significant digits, as guesses are stated."""
+    return float(f"{value:.3g}")
 
 
 class Rotors(SheetTable):
@@ -65,6 +79,8 @@ class QuadrotorSheet(VehicleSheet):
     """A quadrotor's data sheet; axes x forward, y left, z up, origin at the rotors' centre."""
 
     family: ClassVar[str] = "quadrotor"
+    frames: ClassVar[tuple[str, ...]] = tuple(_FRAMES)
+    of_frame: ClassVar[tuple[str, ...]] = ("rotors.arm", "rotors.places", "rotors.spin")
 
     mass: Positive = one("a number > 0 [kg]")
     inertia: list[Positive] = several(3, "three principal moments > 0 [kg·m²]")
@@ -84,6 +100,40 @@ class QuadrotorSheet(VehicleSheet):
             )
         return self
 
+    @classmethod
+    def begun(cls, frame: str, mass: float, arm: float) -> dict[str, Any]:
+        """Shares of m and arm² as Hummingbird's and Crazyflie's; full thrust is 3 times the weight.
+
+        A rotor's radius is .6 arm; its tip turns at 150 m/s at full command.
+        """
+        places, spin = _FRAMES[frame]
+        area = arm**2
+        top = 150.0 / (0.6 * arm)
+        thrust = 3.0 * mass * GRAVITY / 4
+        hover = top / 3.0**0.5  # speed at which four rotors carry the weight
+        drag = 0.3 * mass / (4 * hover)  # four rotors stop the body within some 3 s
+        return {
+            "mass": mass,
+            "inertia": [_digits(share * mass * area) for share in (0.25, 0.25, 0.48)],
+            "centre_of_mass": [_digits(share * arm) for share in (0.02, 0.02, 0.06)],
+            "body_drag": [_digits(share * area) for share in (0.17, 0.17, 0.35)],
+            "rotors": {
+                "arm": arm,
+                "places": places,
+                "spin": spin,
+                "top_speed": _digits(top),
+                "thrust": _digits(thrust / top**2),
+                "torque": _digits(0.15 * arm * thrust / top**2),
+                "drag": [_digits(drag), _digits(2 * drag)],
+                "lift": _digits(0.12 * area),
+            },
+            "guess": {
+                "offset": _digits(0.06 * arm),
+                "lift": _digits(0.12 * area),
+                "speed": [6.0, 6.0, 4.0, 4.0, 4.0, 2.0],
+            },
+        }
+
     def blueprint(self) -> Blueprint:
         """M ν̇ + C(ν) ν = weight + drag + rotors, in still air.
 
@@ -100,7 +150,7 @@ class QuadrotorSheet(VehicleSheet):
         actuator's gain: it exerts no force on a vehicle at rest.
         """
         rotors, top, guess = self.rotors, self.rotors.top_speed, self.guess
-        body = guessed(np.array([self.mass, *self.inertia]))
+        body = Block.guessed(np.array([self.mass, *self.inertia]))
         places = np.c_[rotors.arm / np.sqrt(2) * np.array(rotors.places), np.zeros(4)]
         at: list[dict[str, Any]] = [{"body": 0, "point": p, "direction": _UP} for p in places]
         inflow = [Column("rotor_inflow", 0, **there) for there in at]
@@ -108,15 +158,15 @@ class QuadrotorSheet(VehicleSheet):
         drag = [Column(drags[k], k, input=i, **at[i]) for i in range(4) for k in range(2)]
         of_drag = {"h": "rotor drag across its axis", "z": "rotor drag along it"}
         of_drag = {f"rotor_drag_{axis}": label for axis, label in of_drag.items()}
-        of_body = named("drag", "body drag along", "xyz")
+        of_body = Term.named("drag", "body drag along", "xyz")
         thrust, torque = rotors.thrust * top**2, rotors.torque * top**2
         return Blueprint(
-            inertial_block(body[0], guess.offset, body[1:]),
+            Block.of_body(body[0], guess.offset, body[1:]),
             BodyInertia(self.mass, np.zeros(3), np.diag(self.inertia)).matrix(),
             [
-                term(inflow, {"lift": "translational lift"}, rotors.lift, guess.lift),
-                term(drag, of_drag, top * np.array(rotors.drag)),
-                term("speed_drag", of_body, self.body_drag, axes=np.eye(6)[:3]),
+                Term.of(inflow, {"lift": "translational lift"}, rotors.lift, guess.lift),
+                Term.of(drag, of_drag, top * np.array(rotors.drag)),
+                Term.of("speed_drag", of_body, self.body_drag, axes=np.eye(6)[:3]),
                 *rotor_terms(places, rotors.spin, thrust, torque, spread=0.5),
             ],
             Operation.within(guess.speed, np.ones(4), 0.1),

@@ -1,6 +1,7 @@
 """Underwater vehicles with thrusters of unknown gain; a BlueROV2 Heavy is included."""
 
-from typing import ClassVar, Self
+from collections.abc import Sequence
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -9,9 +10,11 @@ from nsaid_mj.lab.plants.conversion import (
     AXES,
     NED,
     Array,
+    Block,
     Blueprint,
     Fluid,
     Guess,
+    Inertia,
     InvalidInput,
     NotNegative,
     Number,
@@ -19,22 +22,37 @@ from nsaid_mj.lab.plants.conversion import (
     Place,
     Positive,
     SheetTable,
+    Term,
     VehicleSheet,
-    actuators,
     check_directions,
     check_inertia,
-    full,
-    guessed,
-    mass_block,
-    named,
     odd,
     one,
     several,
-    term,
 )
 
 POWERS = 5
 """Number of odd powers of the command in the thrusters' curve: u, u³, u⁵, u⁷, u⁹."""
+_SLANT = 0.5**0.5
+_LEVEL = (  # ArduSub's motors 1 to 4: front right, front left, rear right, rear left
+    [[0.815, 0.58, 0.44], [0.815, -0.58, 0.44], [-0.815, 0.58, 0.44], [-0.815, -0.58, 0.44]],
+    [
+        [-_SLANT, _SLANT, 0.0],
+        [-_SLANT, -_SLANT, 0.0],
+        [_SLANT, _SLANT, 0.0],
+        [_SLANT, -_SLANT, 0.0],
+    ],
+)
+_UPRIGHT = {  # the further ones, which push down
+    "vectored": [[0.0, 0.6, 0.0], [0.0, -0.6, 0.0]],
+    "vectored 6dof": [
+        [0.63, 1.14, 0.0],
+        [0.63, -1.14, 0.0],
+        [-0.63, 1.14, 0.0],
+        [-0.63, -1.14, 0.0],
+    ],
+}
+"""Places over the distance of the level thrusters, as on a BlueROV2, in ArduSub's frames."""
 WATER = Fluid(
     1000.0,
     1e-3,
@@ -109,6 +127,8 @@ class UnderwaterSheet(VehicleSheet):
     """An underwater vehicle's data sheet; x forward, y right, z down from the centre of mass."""
 
     family: ClassVar[str] = "underwater"
+    frames: ClassVar[tuple[str, ...]] = tuple(_UPRIGHT)
+    of_frame: ClassVar[tuple[str, ...]] = ("thrusters.positions", "thrusters.directions")
 
     mass: Positive = one("a number > 0 [kg]")
     volume: Positive = one("a number > 0 [m³]")
@@ -142,6 +162,45 @@ class UnderwaterSheet(VehicleSheet):
             )
         return self
 
+    @classmethod
+    def begun(cls, frame: str, mass: float, arm: float) -> dict[str, Any]:
+        """Shares of m and powers of arm as a BlueROV2 Heavy's; it rises with 2 % of its weight."""
+        level, directions = _LEVEL
+        places = [*level, *_UPRIGHT[frame]]
+        heavier = mass / 13.5
+        larger = arm / 0.191
+
+        def scaled(values: Sequence[float], factor: float) -> list[float]:
+            return [float(f"{value * factor:.3g}") for value in values]
+
+        return {
+            "mass": mass,
+            "volume": float(f"{mass / 1000:.6g}"),
+            "inertia": scaled([0.26, 0.23, 0.37], heavier * larger**2),
+            "buoyancy_centre": [0.0, 0.0, *scaled([-0.01], larger)],
+            "water_density": 1000.0,
+            "gravity": 9.81,
+            "ballast": float(f"{-0.02 * mass * 9.81:.3g}"),
+            "added_mass": [
+                *scaled([6.4, 7.1, 18.7], heavier),
+                *scaled([0.19, 0.14, 0.22], heavier * larger**2),
+            ],
+            "linear_drag": [*scaled([15, 15, 30], larger), *scaled([0.5, 0.5, 0.5], larger**3)],
+            "quadratic_drag": [
+                *scaled([141, 217, 190], larger**2),
+                *scaled([1.2, 0.5, 1.5], larger**5),
+            ],
+            "guess": {
+                "linear_drag": [*scaled([15, 15, 30], larger), *scaled([0.5] * 3, larger**3)],
+                "speed": [1.0, 0.7, 0.7, 1.5, 1.5, 1.5],
+            },
+            "thrusters": {  # T200 at 16 V
+                "curve": [8.9, 176.0, -404.1, 389.9, -140.3],
+                "positions": [scaled(place, arm) for place in places],
+                "directions": [*directions, *[[0.0, 0.0, 1.0]] * (len(places) - 4)],
+            },
+        }
+
     @property
     def buoyancy(self) -> float:
         """Buoyancy of the displaced water [N]."""
@@ -163,21 +222,26 @@ class UnderwaterSheet(VehicleSheet):
         righting, guess = NED * self.buoyancy_centre * self.buoyancy, self.guess
         full_thrust, count = sum(self.thrusters.curve), len(points)
         curve = odd(*np.divide(self.thrusters.curve, full_thrust))
-        linear, square = named("d", "linear drag in", AXES), named("dq", "quadratic drag in", AXES)
-        upright, axes = named("righting", "righting moment about", "xyz"), np.eye(6)
+        linear, square = (
+            Term.named("d", "linear drag in", AXES),
+            Term.named("dq", "quadratic drag in", AXES),
+        )
+        upright, axes = Term.named("righting", "righting moment about", "xyz"), np.eye(6)
         thrusters = {"point": points, "direction": directions, "curve": [curve] * count}
         return Blueprint(
-            mass_block(guessed(np.diag(rigid + added))),
+            Block.of_mass_matrix(Block.guessed(np.diag(rigid + added))),
             rigid,
             [
-                term("linear_drag", linear, self.linear_drag, guess.linear_drag, axes=axes),
-                term("drag", square, self.quadratic_drag, axes=axes),
-                term("weight", {"net weight": "net weight"}, self.net_weight),
-                term("righting", upright, righting, guessed(righting[2]), axis=np.eye(3)),
-                actuators("thruster", "thrust", "thrust of thruster", full_thrust, **thrusters),
+                Term.of("linear_drag", linear, self.linear_drag, guess.linear_drag, axes=axes),
+                Term.of("drag", square, self.quadratic_drag, axes=axes),
+                Term.of("weight", {"net weight": "net weight"}, self.net_weight),
+                Term.of("righting", upright, righting, Block.guessed(righting[2]), axis=np.eye(3)),
+                Term.actuators(
+                    "thruster", "thrust", "thrust of thruster", full_thrust, **thrusters
+                ),
             ],
             Operation.within(guess.speed, np.ones(count)),
-            full(),
+            Inertia.full(),
             added,
             fluid=WATER,
             size=self.size,

@@ -154,14 +154,15 @@ class NotWritten(BadRun):
 
 
 class FolderInUse(BadRun):
-    """A folder into which another process, or another thread of this one, is writing."""
+    """A folder into which another process or thread is writing, or whose results would be lost."""
 
-    def __init__(self, path: object):
-        super().__init__(
-            path,
-            "another run is writing into it",
-            "Wait until that has ended, or give another folder with --out",
-        )
+    def __init__(
+        self,
+        path: object,
+        reason: str = "another run is writing into it",
+        remedy: str = "Wait until that has ended, or give another folder with --out",
+    ):
+        super().__init__(path, reason, remedy)
 
 
 class NothingFound(NsaidError):

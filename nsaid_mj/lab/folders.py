@@ -52,8 +52,7 @@ def folder_for(
     It is `out`, or runs/TITLE-LAW, numbered if that holds a completed run or is in use.
 
     Raises:
-        BadRun: `out` holds a completed run, and `force` is not set.
-        FolderInUse: another run is writing into `out`.
+        FolderInUse: another run is writing into `out`, or it holds a run and `force` is not set.
     """
     law = _law_of(scenario.identifier)
     return _free(f"{title}-{law}", out, force, holds_run, "a run", RUN)
@@ -77,9 +76,9 @@ def folder_for_results(
     words.
 
     Raises:
-        BadRun: `out` holds results, and `force` is not set; a file of the user's has one of the
-            names; or it cannot be written to.
-        FolderInUse: another process is writing into `out`.
+        BadRun: a file of the user's has one of the names, or `out` cannot be written to.
+        FolderInUse: another process is writing into `out`, or it holds results and `force` is not
+            set.
     """
     check_writable(out or RUNS)  # before the results are computed, which may take a minute
     return _free(name, out, force, lambda folder: (folder / files[0]).is_file(), results, files)
@@ -109,11 +108,8 @@ def _free(
                 yield folder
                 return
             if out is not None:
-                raise BadRun(
-                    out,
-                    f"it holds {results}",
-                    "Give --force to overwrite it, or another folder with --out",
-                )
+                remedy = "Give --force to overwrite it, or another folder with --out"
+                raise FolderInUse(out, f"it holds {results}", remedy)
 
 
 def holds_run(folder: Path) -> bool:

@@ -1,7 +1,8 @@
 """The only loop: runs the identifiers on the measurements of a source, and writes the record.
 
-The wall: an identifier gets the plant's structure, a prior, and measurements. `setup` draws the
-prior before the first time step; the truth is not read again until the end of the run.
+No true value reaches an identifier: it gets the plant's structure, a prior, and measurements.
+`setup` draws the prior before the first time step; the truth is not read again until the end of the
+run.
 """
 
 import signal
@@ -16,6 +17,7 @@ import numpy as np
 
 from ..base import (
     BadRun,
+    FolderInUse,
     check_own,
     clock,
     compile_seconds,
@@ -30,13 +32,14 @@ from ..core import (
     Array,
     FaultEvent,
     Identifier,
+    Nullspace,
     PersistenceMonitor,
     SecondOrderSystem,
     State,
     Status,
-    structural,
 )
 from ..robots import Looks
+from .folders import holds_run
 from .following import FAULTS, Ending, Loop, RunTimes, segment_steps
 from .observer import Observer, RobotDescription
 from .plants.world.plant import Plant
@@ -111,7 +114,9 @@ class SimulatedRun(Run):
 
 
 @single_threaded
-def run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun:
+def run(
+    scenario: Scenario, folder: Path, *observers: Observer, force: bool = False
+) -> SimulatedRun:
     """Runs a scenario: simulates the plant, runs the identifiers, writes the record.
 
     If plant or identifier fails, the run ends early; its ending gives status, time and signal, and
@@ -119,16 +124,21 @@ def run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun:
 
     Args:
         scenario: the scenario to run.
-        folder: folder of the run's files; created if missing, files of an earlier run are replaced.
+        folder: folder of the run's files, created if missing; other files in it are kept.
         observers: called during the run.
+        force: whether a run that the folder holds is replaced.
 
     Raises:
-        FolderInUse: another run is writing into the folder.
+        FolderInUse: another run is writing into the folder, or it holds a run and `force` is not
+            set.
         NotWritten: the disk is full; the record up to there is kept.
         BadRun: the record was removed or replaced during the run.
         NsaidError: the scenario cannot be started; no record has been written.
     """
     with locked(folder):
+        if not force and holds_run(folder):
+            remedy = "Give force=True to replace it, or another folder"
+            raise FolderInUse(folder, "it holds a run", remedy)
         compiled = compile_seconds()
         setup = Setup.of(scenario)
         moved = setup.plant, setup.driver(), setup.sensors()
@@ -166,7 +176,7 @@ def followed(
     """
     system = robot.system
     rng = np.random.default_rng(Seeds.of(scenario.seed).structure)
-    r = structural(system, robot.prior, rng).r
+    r = Nullspace.structural(system, robot.prior, rng).r
     with writing(folder):  # files of an earlier run could be mistaken for this one's
         folder.mkdir(parents=True, exist_ok=True)
         check_own(folder, (RECORD_FILE, *DERIVED), None)

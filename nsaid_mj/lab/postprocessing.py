@@ -4,6 +4,7 @@ from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,8 +21,7 @@ from ..base import (
     write_json,
     write_text,
 )
-from ..core import Status
-from ..report import write_html
+from ..core import Array, Status
 from .evaluation import page as report
 from .evaluation.curves import with_curves
 from .evaluation.run_evaluation import evaluate
@@ -96,8 +96,36 @@ def _finish(
         from .recording.run import write_run_recording
 
         write_run_recording(run, result, truth, checks)
-    write_html(report.page(run, result, checks, command), run.folder)
+    report.page(run, result, checks, command).write_html(run.folder)
     return result
+
+
+class ThetaBar(NamedTuple):
+    """θ̄ = Qᵀ θ̂/scale of a run over time, with Q = [P̄ P̄_⊥] (36, 40).
+
+    P is the structural nullspace of the true θ at the end of the run, r its dimension.
+    """
+
+    t: Array  # (N,) times of the record [s]
+    P: Array  # (N, r) θ̄_P, along P: it may end anywhere
+    perp: Array  # (N, p − r) θ̄_P⊥, across P: by Theorem 2 it converges to 0
+
+
+def theta_bar(folder: Path) -> ThetaBar:
+    """The estimate θ̂ of a finished run of a simulated plant in the paper's coordinates.
+
+    ‖θ̄_P⊥‖/‖θ̂/scale‖ at the end is `theta_perp_ratio` of the summary.
+
+    Raises:
+        BadRun: the folder holds no run, or that of a real robot, whose true θ is unknown.
+    """
+    run = reopen(folder, Record.read(folder))
+    truth = truth_of(run)
+    if truth is None:
+        remedy = "Give the folder of a simulated run: the true θ of a real robot is unknown"
+        raise BadRun(folder, "it holds the log of a real robot", remedy)
+    scaled = run.record["theta_hat"] / run.system.space.scale
+    return ThetaBar(run.record["t"], *truth.nullspace.coordinates(scaled))
 
 
 def _drawable(record: Record) -> bool:

@@ -4,6 +4,7 @@ On a terminal lines are broken between words, and columns that do not fit are fo
 below their row. A pipe or a file gets every column, row and finding, each statement on one line.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -71,14 +72,14 @@ def _breaks(words: str, room: int) -> list[int]:
     return ends
 
 
-def print_findings(findings: Sequence[Finding], console: Console, codes: bool = False) -> None:
+def print_findings(findings: Sequence[Finding], console: Console, whole: bool = False) -> None:
     """Prints a line for each finding, notes dimmed; of many of one level it counts the rest.
 
     The gravest come first, and what is said of several joints or channels is said once. A remedy
-    that several in a row share is printed after the last. With `codes`, levels and codes precede
-    the words; with them, or in a pipe, all are printed.
+    that several in a row share is printed after the last. With `whole`, or in a pipe, all are
+    printed.
     """
-    everything = codes or not console.is_terminal
+    everything = whole or not console.is_terminal
     for level, mark in LEVELS.items():
         some = gathered(finding for finding in findings if finding.level == level)
         most = len(some) if everything else _NOTES if level == "note" else _GRAVE
@@ -86,7 +87,7 @@ def print_findings(findings: Sequence[Finding], console: Console, codes: bool = 
             replace(f, remedy="") if f.remedy == after.remedy else f
             for f, after in pairwise([*some[:most], Finding(level, "", "", "")])
         ]
-        lines = [f"{f.level} {f.code}: {f}" if codes else str(f) for f in shown]
+        lines = [str(f) for f in shown]
         lines += [f"and {count(len(some) - most, f'more {level}')}"] if len(some) > most else []
         for line in lines:
             words = f"[dim]{escape(line)}[/]" if level == "note" else escape(line)
@@ -134,7 +135,8 @@ def _print_table(table: Table, console: Console) -> None:
     for line in cells:
         if len(line) > 1:
             widths = [max(old, cell.cell_len) for old, cell in zip(widths, line, strict=True)]
-    shown = _columns(table, widths, console)
+    room = console.width if console.is_terminal else math.inf
+    shown = table.columns_within(room, [width + len(_GAP) for width in widths])
     folded = [k for k in range(len(widths)) if k not in shown]
     console.print()
     levels = max(len(heads[k]) for k in shown)
@@ -159,19 +161,6 @@ def _in_words(head: str, cell: Styled) -> str:
     """A folded cell: its column's name, the value and the unit."""
     name, _, unit = head.removesuffix("]").partition(" [")
     return f"{escape(name)} {cell.markup} {escape(unit)}".rstrip()
-
-
-def _columns(table: Table, widths: Sequence[int], console: Console) -> list[int]:
-    """The columns that stand side by side: all, or as many as a terminal has room for.
-
-    The table's `spare` ones are folded first, then those on the right.
-    """
-    shown = list(range(len(widths)))
-    order = [*table.spare, *(k for k in reversed(shown) if k not in table.spare and k)]
-    room = console.width if console.is_terminal else sum(widths) + 4 * len(widths)
-    while order and sum(widths[k] + len(_GAP) for k in shown) > room:
-        shown.remove(order.pop(0))
-    return shown
 
 
 def _print_row(

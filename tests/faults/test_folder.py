@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj import NsaidError
+from nsaid_mj.base.errors import FolderInUse
 from nsaid_mj.base.signatures import SIGNATURES
 from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.evaluation.summary import summary_of
@@ -21,10 +22,13 @@ from tests.support.faulty import FILES, ROV, script, strict
 SHORT = replace(ROV, duration=0.5, held_out=0.2, pe_window=0.2)
 
 
-def test_a_run_replaces_the_one_that_was_there(tmp_path: Path) -> None:
+def test_a_run_replaces_the_one_that_was_there_only_by_force(tmp_path: Path) -> None:
     postprocessing.finish(run(replace(SHORT, seed=1, duration=0.7), tmp_path))
     before = {name: (tmp_path / name).read_bytes() for name in FILES}
-    postprocessing.finish(run(replace(SHORT, seed=2), tmp_path))
+    with pytest.raises(FolderInUse, match=r"it holds a run\. Give force=True"):
+        run(replace(SHORT, seed=2), tmp_path)
+    assert before == {name: (tmp_path / name).read_bytes() for name in FILES}
+    postprocessing.finish(run(replace(SHORT, seed=2), tmp_path, force=True))
     after = {name: (tmp_path / name).read_bytes() for name in FILES}
     assert all(before[name] != after[name] for name in FILES)
     assert strict(after[postprocessing.SUMMARY].decode())["seed"] == 2
@@ -93,7 +97,7 @@ def test_a_record_that_ends_in_zeros_is_cut_where_they_begin(share: float, tmp_p
 def test_an_earlier_runs_summary_is_not_taken_for_this_runs(seed: int, tmp_path: Path) -> None:
     postprocessing.finish(run(replace(SHORT, seed=seed, duration=2.0), tmp_path))
     whole = (tmp_path / RECORD_FILE).read_bytes()
-    run(replace(SHORT, duration=5.0), tmp_path)
+    run(replace(SHORT, duration=5.0), tmp_path, force=True)
     (tmp_path / RECORD_FILE).write_bytes((tmp_path / RECORD_FILE).read_bytes()[: len(whole)])
     assert postprocessing.rebuild(tmp_path).ending.status == "interrupted"
 

@@ -134,7 +134,7 @@ def test_a_lock_leaves_no_folder_that_nobody_has_used(tmp_path: Path) -> None:
 
 def test_results_are_not_written_beside_another_runs_record(tmp_path: Path) -> None:
     first = run(replace(SHORT, seed=1), tmp_path)
-    run(replace(SHORT, seed=2), tmp_path)
+    run(replace(SHORT, seed=2), tmp_path, force=True)
     with pytest.raises(BadRun, match="another run's record"):
         postprocessing.finish(first)
     assert [path.name for path in tmp_path.iterdir()] == [RECORD_FILE]

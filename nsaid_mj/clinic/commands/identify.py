@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, fields, replace
 from itertools import chain, count
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...base import InvalidInput, numbers_in, print_json, printable, write_json, write_text
 from ...lab import check_writable, folder_for_results
-from ...report import EXPLAINED, UNUSABLE, code_of
+from ...report import ExitCode
 from ...robots import asset
 from .checks import check_identify, check_inspect, known_number, names_in
 
@@ -83,7 +83,7 @@ def _identify(model: str, chosen: ToIdentify, folder: Path) -> int:
         print((folder / RESULT).read_text(encoding="utf-8"), end="")
     elif not chosen.quiet:
         print_page(page, Console(), files)
-    return max(code_of(page.result), int(ended))
+    return max(ExitCode.of(page.result), int(ended))
 
 
 def _mended(model: str, chosen: ToIdentify, folder: Path, quiet: bool) -> ToIdentify:
@@ -166,11 +166,10 @@ def write(
     result = with_trial(result, followed)
     write_json(folder / RESULT, without_nonfinite(result.summary()))
     report("writing the report")
-    from ...report import write_html
     from ..identify.page import identification_page as pages_page
 
     page = pages_page(result, command)
-    files.append(write_html(page, folder))
+    files.append(page.write_html(folder))
     from ...base import RECORDING, installed
     from ..identify.recording import record
 
@@ -236,7 +235,6 @@ def identify_given(
     write_servo_mjcf(result, model_file)
     write_json(path, without_nonfinite(result.summary()))
     from ...base import RECORDING, installed
-    from ...report import write_html
     from ..identify.recording import record_servos
     from ..servos.page import servo_page as servos_page
 
@@ -249,7 +247,7 @@ def identify_given(
     if installed("rerun"):
         progress.say("writing the recording")
         files.append(record_servos(page, replay, folder / RECORDING))
-    return page, [*files, write_html(page, folder)]
+    return page, [*files, page.write_html(folder)]
 
 
 MAP = "map.toml"
@@ -285,10 +283,32 @@ def inspect_log(chosen: ToInspect) -> int:
         print_inspection(found, Console(highlight=False))
         for line in fixed.lines if fixed else ():
             print(printable(line))
-        for path in files:
-            print(printable(str(path)))
-    refused = any(f.level == "refusal" or f.code == "unmatched" for f in found.findings)
-    return UNUSABLE if refused else EXPLAINED
+        print()
+        for line in (*files, *_next(chosen, found, files)):
+            print(f"  {printable(str(line))}")
+    return ExitCode.UNUSABLE if _unusable(found) else ExitCode.EXPLAINED
+
+
+def _unusable(found: Inspection) -> bool:
+    """Whether `nsaid identify` would refuse the log before it fits anything."""
+    return any(f.level == "refusal" or f.code == "unmatched" for f in found.findings)
+
+
+def _next(chosen: ToInspect, found: Inspection, files: Sequence[Path]) -> list[str]:
+    """The command to give next, if there is a model."""
+    if found.robot is None or chosen.model is None:
+        return []
+    refused = _unusable(found)
+    if refused and not any("map.toml" in finding.remedy for finding in found.findings):
+        return []  # another log is needed
+    made = next((path for path in files if path.suffix == ".toml"), None)
+    own = made if chosen.fix or (refused and not chosen.map) else None
+    own = own or chosen.map
+    word = "inspect" if refused else "identify"
+    words = ["nsaid", word, *map(str, chosen.logs), "--model", chosen.model]
+    words += ["--map", str(own)] if own else []
+    first = f"complete {own}, then " if refused and own else ""
+    return ["", f"Next: {first}{shlex.join(words)}"]
 
 
 def _inspected(chosen: ToInspect) -> tuple[Inspection, Fix | None]:

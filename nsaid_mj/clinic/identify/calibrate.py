@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...base import Finding, refused
+from ...base import Finding
 from ...core import Array
-from ...report import gravest_first
 from ...robots import RobotModel
 from ..logs import signals
 from ..logs.recordings import Recordings
@@ -201,7 +200,7 @@ def _identification(
         explains=explains,
         verdict=sentence,
         parameters=parameters,
-        findings=gravest_first(found),
+        findings=Finding.gravest_first(found),
         robot=robot,
         recordings=recordings,
         joints=joints,
@@ -299,8 +298,8 @@ def structure_checks(names: tuple[str, ...], held_out: Array) -> list[Finding]:
         "mean gives 100 %"
     )
     remedy = (
-        "Do not use its parameters. Check the joint's axis in the model, its unit and sign in the "
-        "map, and whether anything touched the robot."
+        "Check its axis in the model, its unit and sign in the map, and whether anything touched "
+        "the robot."
     )
     pairs = zip(names, held_out.tolist(), strict=True)
     return [
@@ -385,5 +384,5 @@ def _curves(problem: FitProblem, theta: Array, recordings: Recordings) -> Curves
 
 
 def _refuse(found: list[Finding]) -> None:
-    if refused(found):
-        raise UnusableLog(gravest_first(found))
+    if Finding.refused(found):
+        raise UnusableLog(Finding.gravest_first(found))

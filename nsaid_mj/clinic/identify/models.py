@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...base import InvalidInput, NsaidError, UnknownName, read_input
+from ...base import Finding, InvalidInput, NsaidError, UnknownName, read_input
 from ...lab import load
 from ...robots import (
     BadRobot,
@@ -81,6 +81,7 @@ def load_robot_model(
         limits=np.full(count, np.inf),
         system=system,
         prior=drawn_inside(system.space, nominal, 0.0, np.random.default_rng(0)),
+        findings=_guesses(config),
         visuals=plant,
         top_speed=_top_speed(config),
         dry_mass=_dry_mass(config),
@@ -99,6 +100,18 @@ def floating(robot: RobotModel) -> RobotModel:
     found = load_tree(str(robot.file), (), robot.joints, floating=True)
     findings = tuple(f for f in found.findings if f.code != "servo" or f in robot.findings)
     return replace(found, name=robot.name, source=robot.source, findings=findings)
+
+
+def _guesses(config: PlantConfig) -> tuple[Finding, ...]:
+    """What is guessed of a vehicle whose sheet states its frame, mass and arm alone."""
+    from ...lab import VehiclePlant
+
+    left = config.sheet.guessed(config.vehicle) if isinstance(config, VehiclePlant) else []
+    if not left:
+        return ()
+    text = f"of the vehicle's frame, mass and arm alone, all else is guessed: {'; '.join(left)}"
+    remedy = "State in the sheet what you know better."
+    return (Finding("note", "guessed_sheet", "", text, remedy),)
 
 
 def _top_speed(config: PlantConfig) -> float:

@@ -7,13 +7,15 @@ import numpy as np
 
 from ...core import Array
 from ...robots import RobotModel
+from . import signals
 from .evidence import limits
 from .imu import imu_columns
 from .mapping import FACTORS, Map, Quantity, of_name
-from .matching import candidates, match_targets, named, set_points, words
+from .matching import candidates, is_gripper, match_targets, named, set_points, words
 from .tables import LogTable, channel_names, values_of
+from .unnamed import unnamed
 
-_WHOLE = 100.5  # of a range from −100 to 100, with rounding; larger values are degrees
+WHOLE = 100.5  # of a range from −100 to 100, with rounding; larger values are degrees
 _HEAD = """\
 # Which columns of the log are what. Written by `nsaid inspect`, to be checked and completed by
 # hand; pass it with `--map map.toml`. What is commented out is optional or was not found.
@@ -56,7 +58,16 @@ _PD = """
 # kd = 1.5  # [N·m·s/rad or N·s/m]
 """
 
-_ORDER = '# order = "wxyz"  # or xyzw, of the quaternion; left out: found by gravity\n'
+_DEGREES_OR_RANGE = """
+# Positions and targets of all joints are in degrees, or go from -100 to 100 of each joint's range
+# in the model file, as LeRobot's may. The log fits both: choose one.
+[factors]
+# position = "deg"
+# position = "range"
+"""
+
+_ORDER = '# order = "wxyz"  # or xyzw; left out: found by gravity and the gyroscope\n'
+_ANGLES = '# order = "rpy"  # or "rpy deg", or "gravity" for its direction; left out: found\n'
 _MOUNTED = """\
 # site = "imu"  # where it sits in the model; or place = [x, y, z] in the base's frame [m]
 """
@@ -91,7 +102,19 @@ _IN_SPACE = {
         "quatx quaty quatz quatw",
         "qx qy qz qw",
     ),
-    "linear": ("linearx lineary linearz", "velx vely velz", "vx vy vz"),
+    "euler": (
+        "rolldeg pitchdeg yawdeg",
+        "rollrad pitchrad yawrad",
+        "phi theta psi",
+        "roll pitch yaw",
+    ),
+    "linear": (
+        "linearx lineary linearz",
+        "velx vely velz",
+        "surge sway heave",
+        "u v w",
+        "vx vy vz",
+    ),
     "angular": (
         "angularx angulary angularz",
         "angularvelocityx angularvelocityy angularvelocityz",
@@ -101,7 +124,14 @@ _IN_SPACE = {
     ),
 }
 _IN_PLANE = {
-    "position": ("x y psi", "x y heading", "x y theta", "x y yaw"),
+    "position": (
+        "x y psi",
+        "x y heading",
+        "x y theta",
+        "x y yaw",
+        "xned yned yaw",
+        "north east yaw",
+    ),
     "linear": ("vx vy r", "vx vy yawrate", "surge sway yawrate"),
 }
 """Endings of channels' names, letters and digits only."""
@@ -138,7 +168,7 @@ def first_map(tables: Sequence[LogTable], robot: RobotModel) -> str:
         parts.append(_vehicle(tables, robot))
     else:
         own = [joint for joint in named(robot) if joint in robot.leaders]
-        found = candidates(names, own, robot.passive)
+        found = unnamed(tables, own) or candidates(names, own, robot.passive)
         targets = match_targets(names, own)
         goals = set(targets.values())
         measured = [g for g in found["position"].values() if goals.isdisjoint(g.values())]
@@ -177,7 +207,8 @@ def _on_ground(channels: Sequence[str]) -> str:
             lines.append(
                 f'# {key} = ["…", "…", "…"]  # specific force, 9.81 m/s² upwards at rest\n'
             )
-    lines.append(_ORDER if imu.order is None else f'order = "{imu.order}"  # of the quaternion\n')
+    unknown = _ORDER if len(imu.orientation) == 4 else _ANGLES
+    lines.append(unknown if imu.order is None else f'order = "{imu.order}"\n')
     return "".join(lines) + _MOUNTED + _FEET
 
 
@@ -191,25 +222,25 @@ def _servos(
     }
     ends = {joint: limits(robot, joint)[:2] for joint in robot.joints}
     inside = [_inside(values[joint], *ends[joint]) for joint in robot.joints]
-    arm = np.concatenate([x for joint, x in values.items() if not _is_gripper(joint)])
-    lines = []
+    arm = np.concatenate([x for joint, x in values.items() if not is_gripper(joint)])
+    whole = len(arm) > 0 and arm.min() >= 0 and not (arm % 1).any()
+    stated = [of_name(name, FACTORS["position"])[1] for name in measured.values()]
+    open_ = not all(inside) and not whole and np.abs(arm).max(initial=0.0) <= WHOLE
+    lines = [_DEGREES_OR_RANGE] if open_ and not all(stated) else []
     for joint in robot.joints:
         low, high = (round(end, 6) for end in ends[joint])
         if all(inside):
-            choices = ['unit = "rad"']
-        elif len(arm) and arm.min() >= 0 and not (arm % 1).any():
-            choices = ['unit = "ticks", counts_per_turn = 4096, offset = -3.141593']
-        elif _is_gripper(joint):
-            choices = [f"points = [[0, {low}], [100, {high}]]"]
-        elif np.abs(arm).max(initial=0.0) > _WHOLE:
-            choices = ['unit = "deg"']
-        else:  # the values fit both
-            choices = ['unit = "deg"', f"points = [[-100, {low}], [100, {high}]]"]
+            unit = 'unit = "rad"'
+        elif whole:
+            unit = 'unit = "ticks", counts_per_turn = 4096, offset = -3.141593'
+        elif is_gripper(joint):
+            unit = f"points = [[0, {low}], [100, {high}]]"
+        else:
+            unit = "" if open_ else 'unit = "deg"'
         lines.append(f"\n[joints.{_key(joint)}]\n")
         for quantity, name in (("position", measured[joint]), ("command", targets[joint])):
-            stated = of_name(name, FACTORS["position"])[1]
-            own = [f'unit = "{stated}"'] if stated else choices
-            lines += [_line(quantity, name, unit, several=len(own) > 1) for unit in own]
+            own = of_name(name, FACTORS["position"])[1]
+            lines.append(_line(quantity, name, f'unit = "{own}"' if own else unit))
     return lines
 
 
@@ -218,11 +249,6 @@ def _inside(values: Array, low: float, high: float) -> bool:
     margin = 0.05 * (high - low) if np.isfinite(high - low) else 0.0
     low, high = np.clip([low - margin, high + margin], -2 * np.pi, 2 * np.pi)
     return len(values) > 0 and bool(values.min() >= low and values.max() <= high)
-
-
-def _is_gripper(joint: str) -> bool:
-    """Whether a joint is a gripper, whose position LeRobot counts from 0 to 100."""
-    return bool({"gripper", "jaw"} & set(words(joint)))
 
 
 def _joint(
@@ -265,25 +291,39 @@ def _vehicle(tables: Sequence[LogTable], robot: RobotModel) -> str:
     spatial = robot.system.m == 7
     lines = ["\n[vehicle]\n"]
     given = motion_columns(channels, spatial)
+    other = "quaternion" if "euler" in given and "quaternion" not in given else "euler"
     for key, choices in (_IN_SPACE if spatial else _IN_PLANE).items():
         found = given.get(key)
+        if key == other:  # one of both tells the orientation
+            continue
         names = json.dumps(found or choices[-1].split(), ensure_ascii=False)
         lines.append(f"{'' if found else '# '}{key} = {names}\n")
+        if key == "euler":
+            most = max(np.abs(values_of(name, tables)).max(initial=0.0) for name in found or [])
+            unit = "deg" if most > 2 * np.pi else "rad"
+            lines.append(f'euler_unit = "{unit}"  # their largest is {most:.3g}\n')
     if spatial:
         lines.append(_AXES)
+    else:
+        heading = given.get("position", [""])[-1]
+        unit = signals.heading_unit(values_of(heading, tables))
+        lines.append(f'heading_unit = "{unit}"  # of the heading: rad or deg\n')
+        lines.append('# frame = "ENU/FLU"  # or NED/FRD: x north, y east, heading from north\n')
     lines.append("\n[actuators]\n")
     groups = candidates(channels, robot.joints)["command"]
     for k, name in enumerate(robot.joints):
         kinds = [c.kind for c in robot.system.structure.columns if c.input == k]
         known = (_MEANING[kind] for kind in kinds if kind in _MEANING)
         means, low, high = next(known, ("", 0.0, 0.0))
-        for column in [by_joint[name] for by_joint in groups.values()] or ["…"]:
+        own = [by_joint[name] for by_joint in groups.values()]
+        moving = [column for column in own if np.ptp(values_of(column, tables)) > 0]
+        for column in moving or own or ["…"]:
             scaled = ""
             values = values_of(column, tables) if high else np.zeros(0)
             if len(values) and values.min() >= 800 and 1000 < values.max() <= 2200:
                 ratio = (high - low) / (_PULSE[1] - _PULSE[0])  # of pulses of a radio-control servo
                 scaled = f"ratio = {ratio:g}, offset = {low - ratio * _PULSE[0]:g}"
-            mark = "" if len(groups) == 1 else "# "
+            mark = "" if len(moving or own) == 1 else "# "
             lines.append(mark + _line(_key(name), column, scaled, means))
     return "".join(lines)
 
@@ -304,12 +344,18 @@ def lacking(channels: Collection[str], robot: RobotModel) -> tuple[list[str], li
     given = motion_columns(channels, spatial)
     driven = set(candidates(channels, robot.joints)["command"])
     keys = _IN_SPACE if spatial else _IN_PLANE
-    missing = [_WORDS[key] if spatial else _FLAT[key] for key in keys if key not in given]
+    lacks = [key for key in keys if key not in given]
+    if spatial:  # what is required, as below
+        lacks = [] if {"quaternion", "euler"} & given.keys() else ["quaternion"]
+    missing = [_WORDS[key] if spatial else _FLAT[key] for key in lacks]
     if len(driven) != 1:
         missing.append(f"the commands of {', '.join(robot.joints)}")
     known = [f"{key} ({', '.join(names)})" for key, names in given.items()]
     reasons = [f"Names tell {'; '.join(known)}."] if known else []
-    if spatial:
+    if not missing:
+        missing = ["the motion and the commands, without a map of their axes and units"]
+        reasons.append("The first map has these columns: check axes and units there.")
+    elif spatial:
         reasons.append(
             "Required are the orientation and the commands. Position or linear velocity, and "
             "angular velocity, are differentiated if one of each is missing. With neither position "

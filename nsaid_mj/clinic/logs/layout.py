@@ -1,6 +1,6 @@
 """Mapping of a log's channels to a robot's q, v and u."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -11,12 +11,24 @@ from scipy.spatial.transform import Rotation
 from ...base import InvalidInput
 from ...core import Array, continuous_signs
 from ...robots import RobotModel
-from . import matching
+from . import matching, signals
+from .evidence import limits
 from .flight import flight_map
 from .imu import ImuColumns, imu_columns
-from .mapping import ChannelSource, ColumnMap, Joint, Map, Quantity, Vehicle, matrix, si
+from .mapping import (
+    ChannelSource,
+    ColumnMap,
+    Factors,
+    Joint,
+    Map,
+    Pd,
+    Quantity,
+    Vehicle,
+    matrix,
+    si,
+)
 from .pd_law import PdLaw, known_gains
-from .tables import Channel, LogTable, channel_names, told_apart
+from .tables import Channel, LogTable, channel_names, told_apart, values_of
 from .unusable import UnmatchedChannels
 
 NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -144,6 +156,24 @@ def _mixed(raw: Array, matrix: Array | None) -> Array:
     return raw if matrix is None else raw @ matrix.T
 
 
+def with_servos(mapping: Map, robot: RobotModel, tables: Sequence[LogTable]) -> Map:
+    """The map, with [pd] if a robot that walks under its file's position servos logs their targets.
+
+    Under contact a servo's targets cannot be simulated, while its torques are known but for kp.
+    """
+    channels = channel_names(tables)
+    servos = robot.servos is not None and mapping.pd is None
+    if not servos or imu_columns(mapping, channels, robot.walks) is None:
+        return mapping
+    joints = [name for name in matching.named(robot) if name in robot.leaders]
+    stated = mapping.joints.values()
+    if any(joint.command is not None and joint.command.is_position for joint in stated):
+        return replace(mapping, pd=Pd())
+    if not stated and matching.match_targets(channels, joints):
+        return replace(mapping, pd=Pd())
+    return mapping
+
+
 def layout(
     mapping: Map | None, robot: RobotModel, tables: Sequence[LogTable], targets: bool = False
 ) -> Layout:
@@ -172,7 +202,11 @@ def layout(
         stated = "a joint that follows another one" if joint in robot.followers else stated
         expected = "one entry for each actuated joint"
         raise InvalidInput(f"map: joints.{joint}", expected, stated, remedy)
-    joints = _ordered(mapping, robot.leaders)
+    of_targets = targets or mapping.pd is not None
+    joints = [
+        _in_units(joint, name, mapping.factors, robot, of_targets)
+        for name, joint in zip(robot.leaders, _ordered(mapping, robot.leaders), strict=True)
+    ]
     for name, joint in zip(robot.leaders, joints, strict=True):
         if joint.command is None and name not in robot.passive:
             expected = "a column, as the joint has a motor in the model file"
@@ -202,11 +236,11 @@ def layout(
             for name, j in own
         ),
         tuple(
-            ChannelSource(
+            _source(
                 "command",
                 j.command,
-                j.command.factor("position" if targets else "command")
-                * factors.of("command", name),
+                scale=factors.of("command", name),
+                unit_of="position" if targets else "command",
             )
             if j.command
             else None
@@ -221,6 +255,35 @@ def layout(
     if robot.coupling is not None and made.coupling is not None:
         made = made._replace(coupling=robot.coupling.ratio @ made.coupling)
     return _existing(made, channels)
+
+
+def _in_units(
+    joint: Joint, name: str, factors: Factors, robot: RobotModel, of_targets: bool
+) -> Joint:
+    """A joint's columns, in the units of all where its own lines state none.
+
+    `of_targets` is whether its command is a position target. Of an arm in degrees a gripper that
+    takes targets counts from 0 to 100, as LeRobot writes it.
+    """
+    ends = _range(robot, name)
+    if of_targets and matching.is_gripper(name) and factors.position == "deg":
+        factors = replace(factors, position="range")
+    position = factors.with_unit("position", name, joint.position, ends)
+    velocity = joint.velocity and factors.with_unit("velocity", name, joint.velocity)
+    command = joint.command and (
+        factors.with_unit("position", name, joint.command, ends)
+        if of_targets
+        else factors.with_unit("command", name, joint.command)
+    )
+    return replace(joint, position=position, velocity=velocity, command=command)
+
+
+def _range(robot: RobotModel, joint: str) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """The ends of LeRobot's range of a joint, each with its position; None without limits."""
+    low, high, _ = limits(robot, joint)
+    if not np.isfinite(high - low):
+        return None
+    return (0.0 if matching.is_gripper(joint) else -100.0, low), (100.0, high)
 
 
 def _pd_law(mapping: Map, robot: RobotModel, joints: Sequence[Joint]) -> PdLaw:
@@ -309,22 +372,43 @@ def with_angles(table: LogTable, robot: RobotModel) -> LogTable:
 
 
 def _source(
-    quantity: Quantity, column: ColumnMap, angle: bool = False, scale: float = 1.0
+    quantity: Quantity,
+    column: ColumnMap,
+    angle: bool = False,
+    scale: float = 1.0,
+    unit_of: Quantity | None = None,
 ) -> ChannelSource:
-    return ChannelSource(quantity, column, column.factor(quantity) * scale, angle)
+    """The source of a column times a scale, with a unit of `quantity`, or of another one."""
+    factor = scale * column.factor(unit_of or quantity)
+    if column.points is not None:
+        (value, position), (other, there) = column.points
+        column = replace(column, points=((value, scale * position), (other, scale * there)))
+    else:
+        column = replace(column, offset=scale * column.offset)
+    return ChannelSource(quantity, column, factor, angle)
 
 
 def _ordered(mapping: Map, names: Sequence[str]) -> list[Joint]:
     """The columns of joints in their order, after the swaps of a map."""
     joints = mapping.joints
+    order = mapping.order.joints
+    if order and sorted(order) != sorted(names):
+        known = f"The robot's actuated joints are {', '.join(names)}."
+        raise InvalidInput("map: order.joints", "every joint once", ", ".join(order), known)
+    if order:
+        joints = {true: mapping.joints[name] for name, true in zip(names, order, strict=True)}
     for what in ("position", "velocity", "command"):
         swaps = getattr(mapping.order, what)
-        for joint in {*swaps, *swaps.values()} - set(names):
-            known = f"The robot's actuated joints are {', '.join(names)}."
-            raise InvalidInput(f"map: order.{what}", "joints of the robot", joint, known)
-        taken = {joint: getattr(mapping.joints[other], what) for joint, other in swaps.items()}
+        _check_order(what, swaps, names)
+        taken = {joint: getattr(joints[other], what) for joint, other in swaps.items()}
         joints = joints | {j: replace(joints[j], **{what: column}) for j, column in taken.items()}
     return [joints[name] for name in names]
+
+
+def _check_order(what: Quantity, swaps: Mapping[str, str], names: Sequence[str]) -> None:
+    for joint in {*swaps, *swaps.values()} - set(names):
+        known = f"The robot's actuated joints are {', '.join(names)}."
+        raise InvalidInput(f"map: order.{what}", "joints of the robot", joint, known)
 
 
 def _existing(made: Layout, channels: list[str]) -> Layout:
@@ -360,6 +444,10 @@ def _of_vehicle(
         actuators = {name.replace("_", " "): column for name, column in mapping.actuators.items()}
         plain = [name.replace("_", " ") for name in robot.joints]
         _check_vehicle(vehicle, m, n, [name for name in plain if name not in actuators])
+        swaps = mapping.order.command
+        _check_order("command", swaps, robot.joints)
+        taken = {a: actuators[b.replace("_", " ")] for a, b in swaps.items()}
+        actuators |= {a.replace("_", " "): column for a, column in taken.items()}
         parts = [
             [_signed(name, channels) for name in vehicle.pose],
             [
@@ -376,9 +464,20 @@ def _of_vehicle(
     if vehicle is not None and vehicle.euler is not None:
         angles = [replace(column, unit=vehicle.euler_unit) for column in parts[0][-3:]]
         positions = (*positions[:-3], *(_source("position", c, angle=True) for c in angles))
-    scales = [mapping.factors.of("command", name) for name in robot.joints]
+    if vehicle is not None and m == 3:
+        heading = parts[0][-1]
+        unit = vehicle.heading_unit or signals.heading_unit(values_of(heading.column, tables))
+        positions = (*positions[:-1], _source("position", replace(heading, unit=unit), angle=True))
+        if unit == "deg" and vehicle.heading_unit is None:
+            assumed = f"the heading ({heading.column}) is in degrees, judging by its values"
     commands = tuple(
-        _source("command", c, scale=scale) for c, scale in zip(parts[2], scales, strict=True) if c
+        _source(
+            "command",
+            mapping.factors.with_unit("command", name, c),
+            scale=mapping.factors.of("command", name),
+        )
+        for c, name in zip(parts[2], robot.joints, strict=True)
+        if c
     )
     felt = (vehicle.acceleration if vehicle else None) or ()
     specific = tuple(_source("velocity", _signed(name, channels)) for name in felt)

@@ -4,7 +4,7 @@ import os
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import field, replace
 from math import pi
 from typing import Annotated, Any, Literal, NamedTuple, cast
 
@@ -312,8 +312,8 @@ def _nonzero(factor: float) -> float:
     return factor
 
 
-Factor = Annotated[Number, AfterValidator(_nonzero)] | Unit
-"""A factor of a joint's values, or the unit in which they are."""
+Factor = Annotated[Number, AfterValidator(_nonzero)] | Unit | Literal["range"]
+"""A factor of a joint's values, or the unit in which they are where its line states none."""
 
 PerJoint = Factor | dict[str, Factor]
 """One for all joints, or some joints' own by name."""
@@ -321,33 +321,54 @@ PerJoint = Factor | dict[str, Factor]
 
 @config
 class Factors:
-    """Signs, factors and units of whole logs, besides those of the columns of each joint."""
+    """Signs, factors and units of whole logs, besides what the line of each joint states."""
 
-    position: PerJoint = 1.0
+    position: PerJoint = 1.0  # a unit is also that of targets
     velocity: PerJoint = 1.0
     command: PerJoint = 1.0
 
     def of(self, quantity: Quantity, joint: str) -> float:
-        """The factor of a joint's position, velocity or command.
+        """The factor of a joint's position, velocity or command; 1 if it is a unit."""
+        value = self._of(quantity, joint)
+        return 1.0 if isinstance(value, str) else float(value)
+
+    def with_unit(
+        self, quantity: Quantity, joint: str, column: ColumnMap, ends: Points | None = None
+    ) -> ColumnMap:
+        """The column of a joint, in the unit of all if its own line and name state none.
+
+        `ends` are the positions that the ends of its "range" stand for; None without limits.
 
         Raises:
-            InvalidInput: the unit does not belong to such a quantity.
+            InvalidInput: the unit does not belong to such a quantity, or joint.
         """
+        unit = self._of(quantity, joint)
+        if not isinstance(unit, str) or column.points or column.unit_as(quantity):
+            return column
+        known = [name for name in FACTORS[quantity] if not name.startswith("ticks")]
+        if unit == "range" and ends is not None:
+            return replace(column, points=ends)
+        if unit not in known:
+            expected = f"a number, or one of {', '.join(known)}"
+            where = f"map: factors.{quantity}"
+            if quantity == "position":
+                expected += "; range, of joints with limits in the model file"
+                where += f" of {joint}"
+            raise InvalidInput(where, expected, unit, "Correct map.toml.")
+        return replace(column, unit=cast(Any, unit))
+
+    def _of(self, quantity: Quantity, joint: str) -> float | str:
         given = getattr(self, quantity)
-        value = given.get(joint, 1.0) if isinstance(given, dict) else given
-        if not isinstance(value, str):
-            return float(value)
-        if value not in FACTORS[quantity] or value.startswith("ticks"):
-            known = ", ".join(unit for unit in FACTORS[quantity] if not unit.startswith("ticks"))
-            expected = f"a number, or one of {known}"
-            raise InvalidInput(f"map: factors.{quantity}", expected, value, "Correct map.toml.")
-        return FACTORS[quantity][value]
+        return given.get(joint, 1.0) if isinstance(given, dict) else given
 
 
 @config
 class ColumnOrder:
     """Joints whose columns are swapped: by joint, the one to which its column was assigned."""
 
+    # all joints in the order of the file's columns, where these are numbered in another order than
+    # the model's, or named wrongly; the swaps below come after it
+    joints: tuple[str, ...] = ()
     position: dict[str, str] = field(default_factory=dict)
     velocity: dict[str, str] = field(default_factory=dict)
     command: dict[str, str] = field(default_factory=dict)
@@ -372,8 +393,9 @@ class Vehicle:
     A `-` before a column's name reverses its sign.
     """
 
-    # x, y, z [m], left out to integrate `linear`; x, y and heading [rad] of a vehicle in the plane
+    # x, y, z [m], left out to integrate `linear`; x, y and heading of a vehicle in the plane
     position: Three | None = None
+    heading_unit: Literal["rad", "deg"] | None = None  # in the plane; None to judge by its values
     quaternion: Four | None = None  # from body to world; not used in the plane
     # roll, pitch and yaw instead, the turns about x, y' and z'' from the world's axes to the
     # body's, yaw first
@@ -423,14 +445,17 @@ class Vehicle:
 class Imu:
     """What an IMU on the base of a walking robot measures, and where it sits."""
 
-    # world's orientation of the IMU, from its axes to the world's, whose z is up
-    orientation: Four
+    # orientation of the IMU: the quaternion from its axes to the world's, whose z is up; or three
+    # columns: roll, pitch and yaw, or the direction of gravity along its axes (0, 0, -1 if level)
+    orientation: Four | Three
     gyro: Three  # angular velocity along its axes
     accelerometer: Three | None = None  # specific force along its axes: 9.81 m/s² upwards at rest
-    # order of the orientation's columns; None to find it: at rest the force points upwards
-    order: Literal["xyzw", "wxyz"] | None = None
-    inverse: Flag = False  # whether the orientation is from the world's axes to the IMU's
-    gyro_unit: Literal["rad/s", "deg/s"] = "rad/s"
+    # what the orientation's columns are; None to find it: at rest the force points upwards, and the
+    # vertical turns as the gyroscope says
+    order: Literal["xyzw", "wxyz", "rpy", "rpy deg", "gravity"] | None = None
+    # whether the quaternion is from the world's axes to the IMU's; None to find it likewise
+    inverse: Flag | None = None
+    gyro_unit: Literal["rad/s", "deg/s"] | None = None  # None to find it likewise
     accelerometer_unit: Literal["m/s²", "g"] | None = None  # None to find it by gravity
     # site, link or frame of the model file at the IMU; None for one called imu, or the base's own
     site: Name | None = None
@@ -440,7 +465,7 @@ class Imu:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Its columns: 4 of the orientation, 3 of the gyroscope, 3 of the accelerometer or none."""
+        """Its columns: 4 or 3 of the orientation, 3 of the gyroscope, 3 or none of the forces."""
         return (*self.orientation, *self.gyro, *(self.accelerometer or ()))
 
 
@@ -451,6 +476,9 @@ class ContactMap:
     feet: tuple[Name, ...] = ()  # geoms, sites, links or frames; () to find them in the model file
     radius: NonNegative | None = None  # of round feet [m]; None for that of the file, or 0
     flat: Flag | None = None  # whether a foot also exerts torques; None to see it from its shape
+    # columns of sensors of force or contact in the feet, in their order and any unit; () to find
+    # them by their names
+    force: tuple[Name, ...] = ()
 
 
 @config

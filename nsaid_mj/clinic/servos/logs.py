@@ -5,23 +5,25 @@ from __future__ import annotations
 import itertools
 from collections.abc import Container, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...base import Finding, InvalidInput, pin, refused
-from ...core import Array, positions
+from ...base import Finding, InvalidInput, pin
+from ...core import Array, JointTree
 from ...lab import followed_targets
 from ...robots import RobotModel, Servos
 from ..identify.loads import Load
 from ..logs import signals
 from ..logs.checks import beyond_limits
 from ..logs.cleaning import ShortStretch, clean, rows_of, short_stated
+from ..logs.first_map import WHOLE
 from ..logs.formats.run import FOLLOWED
 from ..logs.layout import Layout, layout
 from ..logs.mapping import ColumnMap, Joint, Map
-from ..logs.matching import candidates, lacking_targets, match_targets
+from ..logs.matching import candidates, is_gripper, lacking_targets, match_targets
 from ..logs.phases import Event, events_of
+from ..logs.remedies import remedy_of
 from ..logs.tables import LogTable, join
 from ..logs.unusable import UnmatchedChannels, UnusableLog
 from .simulation import STEP, JointLog, move_arm
@@ -86,18 +88,21 @@ def servo_map(
 ) -> dict[str, Joint] | None:
     """Position and target columns of every joint; None if the log holds no targets.
 
-    A map holds targets if the unit of each `command` is one of positions; without a map, channels
-    are matched by name, and a log that holds torques or currents as well counts as one of them.
+    A map holds targets if the unit of each `command` is one of positions, or it states none and the
+    column is called a target; without a map, channels are matched by name, and a log that holds
+    torques or currents as well counts as one of them.
 
     Raises:
         UnmatchedChannels: only some joints have a target.
     """
-    if mapping is not None and mapping.joints:
-        targets = all(j.command and j.command.is_position for j in mapping.joints.values())
-        return dict(mapping.joints) if targets else None
     channels = list(dict.fromkeys(name for table in tables for name in table.channels))
-    found = candidates(channels, joints)
     targets = match_targets(channels, joints)
+    if mapping is not None and mapping.joints:
+        commands = [joint.command for joint in mapping.joints.values()]
+        called = {*targets.values()}
+        known = all(c and (c.is_position or (not c.unit and c.column in called)) for c in commands)
+        return dict(mapping.joints) if known else None
+    found = candidates(channels, joints)
     lacking = lacking_targets(channels, joints)
     if not targets and lacking:
         reason = "If a joint stood still, lock it: `--lock JOINT`."
@@ -162,11 +167,33 @@ def read_servo_logs(
         raise UnusableLog((*findings, refusal))
     speeds = [np.abs(np.gradient(log.position, log.t, axis=0)) for log in logs]
     fast = np.quantile(np.concatenate(speeds), 0.95, axis=0)
-    findings += beyond_limits(np.concatenate([log.position for log in logs]), fast, robot)
+    measured = np.concatenate([log.position for log in logs])
+    findings += _in_one(beyond_limits(measured, fast, robot), robot, measured)
     findings += _motionless(logs)
-    if refused(findings):
+    if Finding.refused(findings):
         raise UnusableLog(tuple(findings))
     return tuple(weighed(model, log) for log in logs), tuple(findings)
+
+
+def _in_one(found: list[Finding], robot: RobotModel, measured: Array) -> list[Finding]:
+    """Findings of `beyond_limits` at positions (N, n), with one in place of those about units."""
+    own = [f for f in found if f.code == "degrees" and f.level == "refusal"]
+    if not own:
+        return found
+    sizes = dict(zip(robot.joints, np.abs(measured).max(axis=0), strict=True))
+    widest = max(own, key=lambda f: (not is_gripper(f.where), sizes[f.where]))
+    text = f"positions and targets are not in rad: at {widest.where} "
+    text += widest.text.partition(";")[0]
+    data: dict[str, Any] = {"joints": [f.where for f in own]}
+    if sizes[widest.where] > WHOLE:
+        data["map"] = {"factors.position": "deg"}
+        remedy = remedy_of(data["map"])
+    else:
+        remedy = "They are degrees, or LeRobot's -100 to 100 of each joint's range, which the log "
+        remedy += 'cannot tell: set `[factors]` `position = "deg"` or `position = "range"` in '
+        remedy += "map.toml, once for all joints."
+    rest = [f for f in found if f not in own]
+    return [Finding("refusal", "degrees", "", text, remedy, data), *rest]
 
 
 def _motionless(logs: Sequence[ServoLog]) -> tuple[Finding, ...]:
@@ -252,7 +279,7 @@ def weighed(model: pin.Model, log: ServoLog) -> ServoLog:
     early, late = (np.transpose([np.interp(t, log.t, x) for x in log.position.T]) for t in ends)
     v = (late - early) / (2 * _SPAN)
     still = np.zeros(load.shape[1])
-    for k, at in enumerate(positions(model, log.position)):
+    for k, at in enumerate(JointTree.links(model).position(log.position)):
         mass[k] = pin.crba(model, data, at)
         load[k] = pin.rnea(model, data, at, v[k], still)
     mass = np.triu(mass) + np.triu(mass, 1).swapaxes(1, 2)

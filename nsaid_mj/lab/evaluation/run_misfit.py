@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...core import Log, NullspaceAID, SecondOrderSystem
+from ...core import Log, NullspaceAID, SecondOrderSystem, Status
 from ..loop import Run
 from ..scenario import Scenario
 from ..setup import with_prior_error
@@ -40,7 +40,13 @@ def filter_of(scenario: Scenario, system: SecondOrderSystem) -> KalmanFilter | N
 
 
 def misfit_of(run: Run) -> Misfit | None:
-    """The misfit at the end of a run's log; None where `filter_of` is, or rows are missing."""
+    """The misfit at the end of a run's log; None where `filter_of` is, or rows are missing.
+
+    It takes several passes over the log, for which nobody waits who has just pressed Ctrl-C: it is
+    None then, and is judged when the run is rebuilt from its record.
+    """
+    if run.ending.status is Status.interrupted and run.states:
+        return None
     system = run.system
     record = run.record
     estimator = filter_of(run.scenario, system)

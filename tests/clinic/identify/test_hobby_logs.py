@@ -1,5 +1,6 @@
 """LeRobot datasets, recordings of Rerun and folders of logs are read; units are asked for."""
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -7,7 +8,7 @@ from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.clinic.identify.inspection import inspect
 from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.clinic.logs.first_map import first_map
-from nsaid_mj.clinic.logs.mapping import map_of, read_map
+from nsaid_mj.clinic.logs.mapping import ColumnMap, map_of, read_map
 from nsaid_mj.clinic.logs.tables import read_tables
 from nsaid_mj.clinic.logs.unusable import UnreadableLog, UnusableLog
 from nsaid_mj.clinic.servos.identify import servo_logs
@@ -96,16 +97,51 @@ def test_ticks_are_read_by_the_first_map(tmp_path, episodes, version):
 def test_a_range_that_may_be_degrees_is_left_to_the_user(tmp_path, episodes):
     folder = write_dataset(tmp_path / "set", "v3.0", in_degrees(episodes), NAMES)
     text = first_map(read_tables([folder]), load_robot_model(str(MODEL)))
-    assert text.count("# choose one") == 2 * 2 * 5
     assert "points = [[0, -0.174533], [100, 1.745329]]" in text
     path = tmp_path / "map.toml"
     path.write_text(text)
-    with pytest.raises(InvalidInput, match="shoulder_pan"):
-        read_map(path)
-    lines = [line for line in text.splitlines() if "choose one" not in line or '"deg"' in line]
-    path.write_text("\n".join(x[2:] if x.endswith("# choose one") else x for x in lines))
-    given = servo_logs(MODEL, [folder], path)
-    assert_read(given, episodes, 1e-5)
+    for mapping in (None, path):  # one question for all joints
+        with pytest.raises(
+            UnusableLog, match='`position = "deg"` or `position = "range"`'
+        ) as asked:
+            servo_logs(MODEL, [folder], mapping)
+        assert [f.code for f in asked.value.findings if f.level == "refusal"] == ["degrees"]
+        assert "shoulder" in str(asked.value) and "\n" not in str(asked.value)
+    path.write_text(text.replace('# position = "deg"', 'position = "deg"'))
+    assert_read(servo_logs(MODEL, [folder], path), episodes, 1e-5)
+    path.write_text('[factors]\nposition = "deg"\n')  # one line is enough
+    assert_read(servo_logs(MODEL, [folder], path), episodes, 1e-5)
+
+
+def test_a_range_is_that_of_each_joint_in_the_model_file(tmp_path, episodes):
+    low, high = (np.array(ends) for ends in zip(*limits_of_joints(), strict=True))
+
+    def parts(x):  # 0 to 100 of the gripper, -100 to 100 of all others
+        share = (x - low) / (high - low)
+        return np.column_stack([200 * share[:, :5] - 100, 100 * share[:, 5]])
+
+    dataset = [(parts(q), parts(u)) for q, u in episodes]
+    folder = write_dataset(tmp_path / "set", "v3.0", dataset, NAMES)
+    path = tmp_path / "map.toml"
+    path.write_text('[factors]\nposition = "range"\n')
+    assert_read(servo_logs(MODEL, [folder], path), episodes, 1e-5)
+
+
+def limits_of_joints():
+    model = mujoco.MjModel.from_xml_path(str(MODEL))
+    return model.jnt_range.tolist()
+
+
+def test_a_unit_for_all_leaves_a_joints_own_line_alone():
+    column = ColumnMap(column="q", unit="turns")
+    factors = map_of({"factors": {"position": "deg", "velocity": -2}}).factors
+    assert factors.with_unit("position", "elbow", column) is column
+    assert factors.with_unit("position", "elbow", ColumnMap(column="q")).unit == "deg"
+    assert (factors.of("position", "elbow"), factors.of("velocity", "elbow")) == (1.0, -2.0)
+    parts = map_of({"factors": {"position": "range", "velocity": "range"}}).factors
+    for quantity in ("position", "velocity"):  # without limits a joint has no range
+        with pytest.raises(InvalidInput, match=f"factors.{quantity}"):
+            parts.with_unit(quantity, "elbow", ColumnMap(column="q"))
 
 
 def test_two_points_are_a_line_from_values_to_positions(tmp_path, episodes):

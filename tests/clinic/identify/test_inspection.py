@@ -144,7 +144,7 @@ def test_the_command_writes_a_map_and_a_picture(tmp_path, capsys):
     arguments = ["inspect", str(log), "--model", "tx40", "--out", str(tmp_path)]
     assert command(arguments) == 2
     printed = capsys.readouterr().out
-    assert printed.startswith("✘ ") and "unmatched" in printed and "map.toml" in printed
+    assert printed.startswith("✘ Columns could not be matched") and "map.toml" in printed
     (tmp_path / "map.toml").write_text("edited", encoding="utf-8")
     (tmp_path / "inspection.png").write_bytes(b"the user's")
     assert command(arguments) == command(arguments) == 2

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....base import Finding, refused
+from ....base import Finding
 from ....core import Array, Indices, check_consistency
 from ....robots import RobotModel
 from ...logs.recordings import Recordings
@@ -63,7 +63,10 @@ from .options import (
 _POOR = 0.3  # held-out error above which clocks may be farther apart than a delay
 _UNTIMED = ("delay_at_edge", "clock_offset")  # findings where no delay is used
 _LOADED = 0.15  # share of weight in a joint's force that a load column needs
-_BETWEEN = 0.1  # of the time between two rows: doubt of when a held target of a PD law acts
+_BETWEEN = 0.05  # of the time between two rows: doubt of when a held target of a PD law acts
+_LEAD = (
+    0.01  # by which MuJoCo's `frictionloss` turns before the velocity, with its usual solref [s]
+)
 _STEPS = 5  # of the correction of delays by the physical fit
 _EXACT = 2e-5  # least change of a delay that is worth another step [s]
 _LONGEST = 0.008  # step [s]
@@ -103,7 +106,7 @@ def structured_arm(
     problem = rows.problem(choice)
     others = rivals = iter(())
     faults += fit_checks(rows, replace(choice, delay=np.full(k, np.median(choice.delay))))
-    if not refused(faults):
+    if not Finding.refused(faults):
         report("fitting delays")
         beside = [rows.like(recordings, other) for other in others_at]
         found = _finished(rows, found, problem, options, beside)
@@ -137,6 +140,7 @@ def structured_arm(
         rivals,
         noisier,
         coupled=options.coupled,
+        loaded=frozenset(load.source for load in options.loads),
         columns=columns,
         rotors=rotors,
     )
@@ -260,6 +264,12 @@ def _rival_problems(
     yield from map(rows.problem, found.rivals)
     for other in beside:
         yield other.problem(found.choice)
+    if rows.recordings.feedback is not None and found.delays is not None:
+        # rows do not show how a joint moves while its target holds, which looks like a delay
+        late = found.choice.delay + found.delays.deviation
+        yield rows.problem(replace(found.choice, delay=late))
+        # jerky targets shake a light joint, whose friction acts like damping the more it is shaken
+        yield rows.leading(_LEAD).problem(found.choice)
 
 
 def neighbours(choice: Choice) -> Iterator[Choice]:
@@ -426,10 +436,12 @@ def _friction_in_words(
     names = sorted(used)
     speed = SPEEDS[shape.speed]
     before, after = map(rms, errors)
-    fall = f" and f = {FALLS[shape.fall]:g}" if "stribeck" in used else ""
+    unit = f"{rows.robot.units[joint]}/s"
+    fall = f", falling over {FALLS[shape.fall]:g} {unit}" if "stribeck" in used else ""
     text = (
-        f"friction columns {', '.join(names)} with s = {speed:g}{fall}; held-out NRMSE "
-        f"{100 * before:.3g} % → {100 * after:.3g} %, the best of {tried} choices"
+        f"the columns {', '.join(names)} are used, with dry friction that turns over {speed:g} "
+        f"{unit}{fall}: held-out error {100 * after:.3g} % (before: {100 * before:.3g} %), the "
+        f"best of {tried} choices"
     )
     data = {"columns": names, "speed": speed, "held_out": after}
     return Finding("note", "columns", rows.robot.joints[joint], text, data=data)
@@ -595,7 +607,7 @@ def causal(rows: JointRows, choice: Choice, delays: Delays) -> tuple[Choice, lis
     found = []
     early = delay < 0
     data = dict(zip(rows.robot.joints, delay.tolist(), strict=True))
-    ends = f"95 %: {_ms(low[0])} to {_ms(high[0])}"
+    ends = f"95 %: {_ms(low[0], 2)} to {_ms(high[0], 2)} ms"
     alike = np.ptp(delay) < 1e-9
     if early.any():
         who = "all commands" if early.all() else "commands"
@@ -611,10 +623,10 @@ def causal(rows: JointRows, choice: Choice, delays: Delays) -> tuple[Choice, lis
         )
         where = "" if early.all() else ", ".join(np.array(rows.robot.joints)[early].tolist())
         found.append(Finding("warning", "clock_offset", where, text, remedy, dict(data)))
-    words = f"{_ms(delay[0])} for all ({ends})"
-    if not alike:
-        words = ", ".join(f"{name} {_ms(d)}" for name, d in data.items())
-    text = f"delays of the commands relative to the log [ms]: {words}"
+    text = f"commands act {_ms(delay[0])} ms after they were recorded ({ends})"
+    if not alike or early.any():
+        each = ", ".join(f"{name} {_ms(d)}" for name, d in data.items())
+        text = f"delays of the commands relative to the log [ms]: {each}"
     found.append(Finding("note", "delay", "", text, data=dict(data)))
     return choice, found
 
@@ -662,6 +674,6 @@ def _delay_step(
     return step, np.hypot(np.sqrt(np.maximum(variance, np.diag(inverse))), least)
 
 
-def _ms(delay: float) -> str:
-    """A delay [s] in milliseconds with its sign; never −0.0."""
-    return f"{round(delay * 1e3, 1) + 0.0:+.1f}"
+def _ms(delay: float, digits: int = 1) -> str:
+    """A delay [s] in milliseconds; never −0.0."""
+    return f"{round(delay * 1e3, digits) + 0.0:.{digits}f}"

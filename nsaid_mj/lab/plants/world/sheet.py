@@ -67,6 +67,10 @@ class Sheet(SheetTable):
 
     family: ClassVar[str]
     """Name of the family, the only value of `kind`."""
+    frames: ClassVar[tuple[str, ...]] = ()
+    """Frames of which a sheet can be guessed from a mass and the length of an arm; see `begun`."""
+    of_frame: ClassVar[tuple[str, ...]] = ()
+    """Keys that frame and arm determine."""
 
     kind: str | None = Field(default=None, description="the name of the vehicle's family")
     size: Annotated[list[Positive], Field(min_length=3, max_length=3)] | None = Field(
@@ -90,18 +94,85 @@ class Sheet(SheetTable):
             UnknownName: the vehicle, or a key in the file, does not exist.
         """
         path = vehicle_files(vehicle).sheet
-        try:
-            content = tomllib.loads(read_input(path).decode())
-        except (ValueError, RecursionError) as error:  # not TOML, not UTF-8, or 5000 digits
-            raise InvalidInput(str(path), "a TOML file in UTF-8", error, _REMEDY) from error
-        except OSError as error:
-            raise InvalidInput(
-                str(path), "a readable file", error.strerror or error, _REMEDY
-            ) from error
+        content = _read(path)
+        if "frame" in content:
+            content = _over(cls._guesses(path), _stated(content))
         try:
             return cls.model_validate(content)
         except ValidationError as error:
             raise _explained(cls, path, error) from error
+
+    @classmethod
+    def begun(cls, frame: str, mass: float, arm: float) -> dict[str, Any]:
+        """A sheet's content guessed from a frame, a mass [kg] and the length of an arm [m].
+
+        Sizes are those of a usual vehicle of the kind, to within a factor of two or three.
+        """
+        raise NotImplementedError
+
+    @classmethod
+    def guessed(cls, vehicle: str) -> list[str]:
+        """What is guessed of a vehicle whose sheet states a frame, as `key = value`; else nothing.
+
+        Raises:
+            InvalidInput: its mass or the length of its arm is missing or invalid.
+            UnknownName: there is no such frame.
+        """
+        path = vehicle_files(vehicle).sheet
+        content = _read(path)
+        if "frame" not in content:
+            return []
+        known = {*_leaves(_stated(content)), *cls.of_frame}
+        left = {k: v for k, v in _leaves(cls._guesses(path)).items() if k not in known}
+        return [f"{key} = {_toml(value)}" for key, value in left.items() if "guess." not in key]
+
+    @classmethod
+    def _guesses(cls, path: Path) -> dict[str, Any]:
+        """The content guessed for a sheet that states a frame."""
+        content = _read(path)
+        frame = content["frame"]
+        if frame not in cls.frames:
+            raise UnknownName(f"frame in {path}", str(frame), cls.frames)
+        sizes = {"mass": "kg", "arm": "m, of a rotor or level thruster from the centre"}
+        for key, unit in sizes.items():
+            value = content.get(key)
+            if not isinstance(value, int | float) or not SMALLEST <= value <= LARGEST:
+                got = "nothing" if value is None else _short(value)
+                raise InvalidInput(f"{path}: {key}", f"a number > 0 [{unit}]", got, _REMEDY)
+        return cls.begun(frame, float(content["mass"]), float(content["arm"]))
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """The tables of a sheet; raises `InvalidInput` if it is no readable TOML."""
+    try:
+        return tomllib.loads(read_input(path).decode())
+    except (ValueError, RecursionError) as error:  # not TOML, not UTF-8, or 5000 digits
+        raise InvalidInput(str(path), "a TOML file in UTF-8", error, _REMEDY) from error
+    except OSError as error:
+        expected = "a readable file"
+        raise InvalidInput(str(path), expected, error.strerror or error, _REMEDY) from error
+
+
+def _stated(content: dict[str, Any]) -> dict[str, Any]:
+    """The keys of a sheet that no frame replaces."""
+    return {key: value for key, value in content.items() if key not in ("frame", "arm")}
+
+
+def _over(below: dict[str, Any], stated: dict[str, Any]) -> dict[str, Any]:
+    """Nested tables with what is stated in place of what is below."""
+    both = {k: (below.get(k), value) for k, value in stated.items()}
+    tables = {k for k, pair in both.items() if all(isinstance(x, dict) for x in pair)}
+    return below | {k: _over(*pair) if k in tables else pair[1] for k, pair in both.items()}
+
+
+def _leaves(table: dict[str, Any], above: str = "") -> dict[str, Any]:
+    """The values of nested tables by dotted key."""
+    found: dict[str, Any] = {}
+    for key, value in table.items():
+        found |= (
+            _leaves(value, f"{above}{key}.") if isinstance(value, dict) else {above + key: value}
+        )
+    return found
 
 
 def _explained(sheet: type[Sheet], path: Path, error: ValidationError) -> Exception:
@@ -142,7 +213,12 @@ def _incomplete(
         keys.append(f"{key} ({_declared(sheet, places)[1]})")
         value = _at(_content(example) if example else {}, places)
         values += [f"{key} = {_toml(value)}"] if value is not None else []
-    begin = f"Values to begin from, of {example}: {'; '.join(values)}. " if values else ""
+    begin = ""
+    if sheet.frames:
+        frames = " or ".join(f'"{frame}"' for frame in sheet.frames)
+        begin = f"State frame ({frames}), mass [kg] and arm [m], and all else is guessed. "
+    if values:
+        begin += f"Values to begin from, of {example}: {'; '.join(values)}. "
     wanted = f"{len(keys)} more keys, {', '.join(keys)}"
     return InvalidInput(str(path), wanted, "none of them", begin + _REMEDY)
 
