@@ -58,7 +58,8 @@ def rov(folder: Path) -> list[str]:
 def legs(folder: Path) -> list[str]:
     """A walking Go2's joints, torques and IMU, and its weight."""
     walk = drawn_walk(3, folder, robot="go2", seconds=SECONDS)
-    return [walk.log.name, "--model", walk.model.name, "--known", f"mass={walk.mass:.3g}"]
+    mass = sum(walk.truth["mass"])
+    return [walk.log.name, "--model", walk.model.name, "--known", f"mass={mass:.4g}"]
 
 
 class Story(NamedTuple):
