@@ -30,7 +30,7 @@ from nsaid_mj.core.laws.base import Estimates, State, Status
 from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.core.laws.faults import FaultEvent
 from nsaid_mj.core.log import Log
-from nsaid_mj.core.nullspace.subspace import structural
+from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.lab.evaluation.confidence import known
 from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.library import load
@@ -292,7 +292,7 @@ def drift(name: str, seeds: Sequence[int], seconds: float) -> list[list[object]]
             ratio = theta[k] / Truth(found.setup, end).theta_at(end)[k]
             stated = found.setup.identifiers()[""].confidence(found.state)
             assert stated is not None
-            nullspace = structural(system, theta, np.random.default_rng(0))
+            nullspace = Nullspace.structural(system, theta, np.random.default_rng(0))
             sure = known(stated, theta, nullspace, system.space).actuators
             error = np.abs(ratio / ratio.mean() - 1)
             errors.append(float(error.max()))

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import matplotlib.pyplot as plt
 import numpy as np
 
-from nsaid_mj.core.nullspace.subspace import directions, structural
+from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.lab.evaluation.curves import gains_of_limbs
 from nsaid_mj.lab.evaluation.figures import actuator_ratio_error
 from nsaid_mj.lab.library import load
@@ -74,8 +74,8 @@ def row_of(name: str, runs: Sequence[Followed]) -> list[str]:
     """A row of the table."""
     setup = runs[0].setup
     system = setup.system
-    found = structural(system, setup.plant.truth, np.random.default_rng(0))
-    words = [each.words for each in directions(found, system.space)]
+    found = Nullspace.structural(system, setup.plant.truth, np.random.default_rng(0))
+    words = [each.words for each in found.directions(system.space)]
     scales = sum(each.startswith("common scale") for each in words)
     error = max(
         actuator_ratio_error(system, run.theta_hat[-1], run.setup.plant.truth) for run in runs

@@ -13,7 +13,7 @@ from collections import defaultdict
 
 import numpy as np
 
-from nsaid_mj.core.laws.base import gain_deviations
+from nsaid_mj.core.laws.base import Confidence
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.lab.evaluation.confidence import INTERVAL
 from nsaid_mj.lab.evaluation.running import RunningMisfit
@@ -44,7 +44,7 @@ def misses(found: Simulated) -> tuple[Array, Array, str]:
         own = None
         if running_misfit(state) != "contradicts":
             own = identifier.confidence(state)
-        own = gain_deviations(own, state.theta_hat, space)
+        own = Confidence.of_gains(own, state.theta_hat, space)
         for rows, deviation in ((alone, own), (judged, misfit.deviations(state))):
             known = np.isfinite(deviation).all()
             rows.append(np.max(error / (INTERVAL * deviation)) if known else np.nan)

@@ -64,13 +64,7 @@ MENU = 33  # height of the viewer's own menu, which is cropped [pixels]
 CLOSE, CLOSE_SIZE = (300, 100, 1300, 850), (1024, 640)
 DESKTOP, PHONE = (1280, 2300), (390, 1900)  # sizes of a report's pictures [pixels]
 SHEETS = 6  # of a printed report that are shown, at most
-ROBOT = (
-    "Contact",
-    "Forces",
-    "Inertia",
-    "Robot",
-    "Torques",
-)  # what the title of the robot's view begins with
+ROBOT = ("Estimated", "Nominal", "Robot", "True")  # what the title of the robot's view begins with
 DRAWN = 1.0  # time for the viewer to redraw [s]
 LARGEST = 300_000  # size of a picture [bytes]
 PATIENCE = 60.0  # timeout of the viewer [s]

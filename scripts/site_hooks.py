@@ -2,7 +2,7 @@
 
 Pages of marked source files, of the vehicles' sources, of the changelog and of the security policy
 are made at build time; the table of equations is put in the place of its marker. The search finds
-source files after all other pages.
+source files after all other pages, and the reference of Python after the guides.
 """
 
 import re
@@ -62,8 +62,10 @@ def on_files(files: Any, config: Any) -> Any:
     return files
 
 
-def on_page_markdown(markdown: str, config: Any, **_: Any) -> str:
+def on_page_markdown(markdown: str, page: Any, config: Any, **_: Any) -> str:
     """Puts in the table of equations, page titles for file names, and links to SOURCE.md pages."""
+    if page.file.src_uri == "reference.md":
+        page.meta["search"] = {"boost": 0.5}
     known = titles(config["nav"])
     markdown = _TEXT.sub(lambda m: f"[{known.get(m[1], m[1])}]({m[2]})", markdown)
     if MARKER in markdown:

@@ -17,11 +17,11 @@ FILES = OURS.files
 HEAVY = {"mujoco", "pinocchio", "rerun", "tyro", "matplotlib", "pyarrow", "rich"}
 
 DOORS = {
-    "base": 72,
-    "core": 156,
+    "base": 61,
+    "core": 103,
     "watch": 13,
-    "robots": 52,
-    "report": 97,
+    "robots": 38,
+    "report": 88,
     "lab": 99,
     "clinic": 5,
     "plans": 7,

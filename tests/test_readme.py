@@ -16,7 +16,7 @@ import pytest
 from nsaid_mj import ArmPlant, FourierTracking, Scenario
 from nsaid_mj.lab.evaluation.summary import result_from
 from nsaid_mj.lab.setup import trajectory
-from nsaid_mj.report.exit_codes import code_of
+from nsaid_mj.report import ExitCode
 from nsaid_mj.robots.assets import known_robots, scenarios
 from tests.support.faulty import shell
 
@@ -289,7 +289,7 @@ def test_the_readmes_commands_identify_the_users_own_urdf(workplace: Path) -> No
         short = ["--duration", "0.3", "--held-out", "0.2", "--pe-window", "0.1"]
         code, said = shell(*words, *short, "--out", f"out{number}", "--quiet")
         summary = json.loads((workplace / f"out{number}" / "summary.json").read_text("utf-8"))
-        assert code == code_of(result_from(summary)), said.err  # so short a run may end with ✘
+        assert code == ExitCode.of(result_from(summary)), said.err  # so short a run may end with ✘
 
 
 # -- links and references ----------------------------------------------------------------------

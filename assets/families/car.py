@@ -7,11 +7,11 @@ import numpy as np
 
 from nsaid_mj.lab.plants.conversion import (
     Array,
+    Block,
     Blueprint,
     Positive,
     SheetTable,
     VehicleSheet,
-    guessed,
     hidden,
     one,
     operation,
@@ -55,7 +55,7 @@ class CarSheet(VehicleSheet):
         grip = self.friction * self.mass * self.gravity / wheelbase
         stiffness = grip * np.array(self.stiffness) * [self.rear, self.front]
         forces = np.array([*stiffness, self.drive, self.loss, self.rolling, self.drag])
-        scale = guessed(np.array([self.mass, 1.0, self.inertia, *forces]))
+        scale = Block.guessed(np.array([self.mass, 1.0, self.inertia, *forces]))
         scale[1] = guess.off_centre * self.mass * wheelbase
         scale[6] = scale[5] / guess.top_speed
         car = single_track(

@@ -7,6 +7,7 @@ from pydantic import Field, model_validator
 
 from nsaid_mj.lab.plants.conversion import (
     NED,
+    Block,
     Blueprint,
     BodyInertia,
     Guess,
@@ -15,11 +16,10 @@ from nsaid_mj.lab.plants.conversion import (
     Place,
     Positive,
     SheetTable,
+    Term,
     VehicleSheet,
-    actuators,
     check_directions,
     check_inertia,
-    inertial_block,
     one,
     several,
 )
@@ -79,9 +79,9 @@ class FreeFlyerSheet(VehicleSheet):
         thrust = np.abs(directions) @ np.array(self.nozzles.force) / 2
         guess, nozzles = self.guess, {"point": positions, "direction": directions}
         return Blueprint(
-            inertial_block(guess.mass, guess.offset, np.array(guess.inertia)),
+            Block.of_body(guess.mass, guess.offset, np.array(guess.inertia)),
             BodyInertia(self.mass, NED * self.centre, np.diag(self.inertia)).matrix(),
-            [actuators("nozzle", "nozzle", "thrust of nozzle", thrust, **nozzles)],
+            [Term.actuators("nozzle", "nozzle", "thrust of nozzle", thrust, **nozzles)],
             Operation.within(guess.speed, np.ones(len(thrust)), 0.0, reach=1.0),
             size=self.size,
         )

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 from nsaid_mj.lab.plants.conversion import (
     GRAVITY,
     Array,
+    Block,
     Blueprint,
     BodyInertia,
     Column,
@@ -19,16 +20,13 @@ from nsaid_mj.lab.plants.conversion import (
     Operation,
     Positive,
     SheetTable,
+    Term,
     VehicleSheet,
     check_inertia,
-    guessed,
     hidden,
-    inertial_block,
-    named,
     one,
     rotor_terms,
     several,
-    term,
 )
 
 _AIR = Fluid(
@@ -152,7 +150,7 @@ class QuadrotorSheet(VehicleSheet):
         actuator's gain: it exerts no force on a vehicle at rest.
         """
         rotors, top, guess = self.rotors, self.rotors.top_speed, self.guess
-        body = guessed(np.array([self.mass, *self.inertia]))
+        body = Block.guessed(np.array([self.mass, *self.inertia]))
         places = np.c_[rotors.arm / np.sqrt(2) * np.array(rotors.places), np.zeros(4)]
         at: list[dict[str, Any]] = [{"body": 0, "point": p, "direction": _UP} for p in places]
         inflow = [Column("rotor_inflow", 0, **there) for there in at]
@@ -160,15 +158,15 @@ class QuadrotorSheet(VehicleSheet):
         drag = [Column(drags[k], k, input=i, **at[i]) for i in range(4) for k in range(2)]
         of_drag = {"h": "rotor drag across its axis", "z": "rotor drag along it"}
         of_drag = {f"rotor_drag_{axis}": label for axis, label in of_drag.items()}
-        of_body = named("drag", "body drag along", "xyz")
+        of_body = Term.named("drag", "body drag along", "xyz")
         thrust, torque = rotors.thrust * top**2, rotors.torque * top**2
         return Blueprint(
-            inertial_block(body[0], guess.offset, body[1:]),
+            Block.of_body(body[0], guess.offset, body[1:]),
             BodyInertia(self.mass, np.zeros(3), np.diag(self.inertia)).matrix(),
             [
-                term(inflow, {"lift": "translational lift"}, rotors.lift, guess.lift),
-                term(drag, of_drag, top * np.array(rotors.drag)),
-                term("speed_drag", of_body, self.body_drag, axes=np.eye(6)[:3]),
+                Term.of(inflow, {"lift": "translational lift"}, rotors.lift, guess.lift),
+                Term.of(drag, of_drag, top * np.array(rotors.drag)),
+                Term.of("speed_drag", of_body, self.body_drag, axes=np.eye(6)[:3]),
                 *rotor_terms(places, rotors.spin, thrust, torque, spread=0.5),
             ],
             Operation.within(guess.speed, np.ones(4), 0.1),

@@ -12,6 +12,7 @@ from nsaid_mj.lab.plants.conversion import (
     Column,
     Fluid,
     Guess,
+    Inertia,
     InvalidInput,
     Negative,
     Number,
@@ -21,13 +22,9 @@ from nsaid_mj.lab.plants.conversion import (
     SheetTable,
     Term,
     VehicleSheet,
-    actuators,
     check_inertia,
-    guessed,
     one,
     several,
-    term,
-    tied,
 )
 
 _FLUID = Fluid(
@@ -189,7 +186,7 @@ class TorpedoSheet(VehicleSheet):
             rigid,
             [*self._hull(), *self._actuators()],
             Operation((slow, fast), (np.r_[-most, 0.2], np.r_[most, 1.0]), turn=0.5),
-            tied(list(_MASS)),
+            Inertia.tied(list(_MASS)),
             added,
             fluid=_FLUID,
             size=self.size,
@@ -204,14 +201,14 @@ class TorpedoSheet(VehicleSheet):
         lift = [-self.lift.Y_uv - fins.Y_uudr, munk + fins.N_uudr - self.lift.M_uw]
         righting = self.gravity_centre[2] * self.mass * self.gravity
         return [
-            term("drag", _DRAGS, drag, geometry="positive", axes=_DRAG),
-            term(
+            Term.of("drag", _DRAGS, drag, geometry="positive", axes=_DRAG),
+            Term.of(
                 [Column("lift", 0, body=0), Column("lift_moment", 1, body=0)],
                 {"lift_body": "body lift", "lift moment_body": "body lift moment"},
                 lift,
             ),
-            term("weight", {"net weight": "net weight"}, self.net_weight),
-            term("righting", {"righting_z": "righting moment"}, righting, axis=[[0, 0, 1]]),
+            Term.of("weight", {"net weight": "net weight"}, self.net_weight),
+            Term.of("righting", {"righting_z": "righting moment"}, righting, axis=[[0, 0, 1]]),
         ]
 
     def _actuators(self) -> list[Term]:
@@ -228,7 +225,7 @@ class TorpedoSheet(VehicleSheet):
         slip = slope * p.wake / (n * wide) / p.K_T[0]
         lift, drag = fins.Y_uudr / 2, fins.drag_by_lift * fins.Y_uudr / 2
         return [
-            term(
+            Term.of(
                 [
                     Column("propeller", 0, point=(p.position, 0.0, 0.0), slip=slip, **ahead),
                     Column("propeller_torque", 1, **ahead),
@@ -236,13 +233,15 @@ class TorpedoSheet(VehicleSheet):
                 {"thrust": "propeller thrust", "torque": "propeller torque"},
                 gains,
             ),
-            actuators("fin", "fin lift", "lift of fin", lift, point=positions, direction=lifts),
-            actuators("fin_drag", "fin drag", "drag of fin", drag, point=positions),
+            Term.actuators(
+                "fin", "fin lift", "lift of fin", lift, point=positions, direction=lifts
+            ),
+            Term.actuators("fin_drag", "fin drag", "drag of fin", drag, point=positions),
         ]
 
 
 def _mass_block(M: Array) -> Block:
     """The six parameters of a body of revolution; guesses from its nominal M (6, 6)."""
     names, units, labels, places = zip(*_INERTIA, strict=True)
-    scale = guessed([M[place] for place in places])
+    scale = Block.guessed([M[place] for place in places])
     return Block("mass matrix", names, units, scale, "tied", entries=_MASS, labels=labels)

@@ -10,9 +10,11 @@ from nsaid_mj.lab.plants.conversion import (
     AXES,
     NED,
     Array,
+    Block,
     Blueprint,
     Fluid,
     Guess,
+    Inertia,
     InvalidInput,
     NotNegative,
     Number,
@@ -20,18 +22,13 @@ from nsaid_mj.lab.plants.conversion import (
     Place,
     Positive,
     SheetTable,
+    Term,
     VehicleSheet,
-    actuators,
     check_directions,
     check_inertia,
-    full,
-    guessed,
-    mass_block,
-    named,
     odd,
     one,
     several,
-    term,
 )
 
 POWERS = 5
@@ -225,21 +222,26 @@ class UnderwaterSheet(VehicleSheet):
         righting, guess = NED * self.buoyancy_centre * self.buoyancy, self.guess
         full_thrust, count = sum(self.thrusters.curve), len(points)
         curve = odd(*np.divide(self.thrusters.curve, full_thrust))
-        linear, square = named("d", "linear drag in", AXES), named("dq", "quadratic drag in", AXES)
-        upright, axes = named("righting", "righting moment about", "xyz"), np.eye(6)
+        linear, square = (
+            Term.named("d", "linear drag in", AXES),
+            Term.named("dq", "quadratic drag in", AXES),
+        )
+        upright, axes = Term.named("righting", "righting moment about", "xyz"), np.eye(6)
         thrusters = {"point": points, "direction": directions, "curve": [curve] * count}
         return Blueprint(
-            mass_block(guessed(np.diag(rigid + added))),
+            Block.of_mass_matrix(Block.guessed(np.diag(rigid + added))),
             rigid,
             [
-                term("linear_drag", linear, self.linear_drag, guess.linear_drag, axes=axes),
-                term("drag", square, self.quadratic_drag, axes=axes),
-                term("weight", {"net weight": "net weight"}, self.net_weight),
-                term("righting", upright, righting, guessed(righting[2]), axis=np.eye(3)),
-                actuators("thruster", "thrust", "thrust of thruster", full_thrust, **thrusters),
+                Term.of("linear_drag", linear, self.linear_drag, guess.linear_drag, axes=axes),
+                Term.of("drag", square, self.quadratic_drag, axes=axes),
+                Term.of("weight", {"net weight": "net weight"}, self.net_weight),
+                Term.of("righting", upright, righting, Block.guessed(righting[2]), axis=np.eye(3)),
+                Term.actuators(
+                    "thruster", "thrust", "thrust of thruster", full_thrust, **thrusters
+                ),
             ],
             Operation.within(guess.speed, np.ones(count)),
-            full(),
+            Inertia.full(),
             added,
             fluid=WATER,
             size=self.size,

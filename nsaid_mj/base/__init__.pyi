@@ -23,9 +23,6 @@ from .bounds import Positive as Positive
 # A number > 0 and ≤ 1.
 from .bounds import PositiveShare as PositiveShare
 
-# A seed of random numbers: a whole number ≥ 0.
-from .bounds import Seed as Seed
-
 # A share in [0, 1), such as a relative spread.
 from .bounds import Share as Share
 
@@ -35,12 +32,6 @@ from .bounds import Tones as Tones
 # Decorator: a frozen dataclass whose fields are checked against their annotations.
 from .bounds import config as config
 
-# All concrete subclasses by name, and the class itself if concrete.
-from .bounds import kinds_of as kinds_of
-
-# Converts pydantic's first error about a configuration to one that names the field.
-from .bounds import refusal as refusal
-
 # A value for display in a message, shortened if its text is long or cannot be formed.
 from .bounds import shown as shown
 
@@ -49,9 +40,6 @@ from .bounds import without_nonfinite as without_nonfinite
 
 # Words by what they choose.
 from .choices import CHOICES as CHOICES
-
-# How a file of limits looks.
-from .choices import LIMITS_FORM as LIMITS_FORM
 
 # Raises `UnknownName`, which lists the choices, unless the word is among those of a kind.
 from .choices import check_choice as check_choice
@@ -98,17 +86,11 @@ from .files import RECORD as RECORD
 # File of a run's recording.
 from .files import RECORDING as RECORDING
 
-# Files of a sweep: what it is, one row for every run, and their table.
-from .files import SWEEP as SWEEP
-
 # Yields a temporary path to write to; on exit the file is synced and renamed to `path`.
 from .files import atomic_write as atomic_write
 
 # Checks, before any work, that a command replaces only files that are ours by their content.
 from .files import check_own as check_own
-
-# Raises `BadRun` unless a folder has a file of a sweep.
-from .files import check_sweep as check_sweep
 
 # Creates an empty file in place of one of ours, without following a symbolic link.
 from .files import create as create
@@ -122,17 +104,11 @@ from .files import json_of as json_of
 # Creates a folder if missing, and keeps other processes and threads from writing into it.
 from .files import locked as locked
 
-# The error to raise for a folder without a sweep.
-from .files import no_sweep as no_sweep
-
 # Prints a value as strict JSON; numbers that are not finite become null.
 from .files import print_json as print_json
 
 # The record in a run's folder, or the record file itself; raises `BadRun` if there is none.
 from .files import record_file as record_file
-
-# The content of a TOML file that a flag names; raises `InvalidInput` if it is not readable.
-from .files import toml_of as toml_of
 
 # Writes a value as JSON, atomically.
 from .files import write_json as write_json
@@ -149,15 +125,6 @@ from .findings import Finding as Finding
 # `note`: the data were changed. `warning`: the result may suffer. `refusal`: no result from this
 # input could be trusted.
 from .findings import Level as Level
-
-# One note on all meshes (or another `kind` of file) that a model lacks, if there are any.
-from .findings import missing_files as missing_files
-
-# Whether one of the findings is a refusal.
-from .findings import refused as refused
-
-# Largest file of text that is read as a whole [bytes].
-from .inputs import LARGEST_TEXT as LARGEST_TEXT
 
 # Checks a file of the user's before a library opens it (regular, bounded); it counts as read.
 from .inputs import check_input as check_input

@@ -41,8 +41,6 @@ Share = Annotated[float, Field(strict=True, ge=0, lt=1)]
 PositiveShare = Annotated[float, Field(strict=True, gt=0, le=1)]
 Tones = Annotated[int, Field(strict=True, ge=1, le=1000)]
 """Number of sines in a signal; a thousand of them already need a megabyte per second."""
-Seed = Annotated[int, Field(strict=True, ge=0, le=2**64)]
-
 Flag = Annotated[bool, Field(strict=True)]
 Name = Annotated[str, Field(strict=True, max_length=4096)]
 """Text that can be written as UTF-8."""
@@ -68,7 +66,7 @@ def config(cls: _C) -> _C:
         try:
             checked(self, *args, **values)
         except ValidationError as error:
-            raise refusal(error, type(self), names) from None
+            raise type(self).refusal(error, names) from None
 
     made.__init__ = init
     return made
@@ -84,6 +82,49 @@ class Config:
 
     _path: ClassVar[str] = ""
 
+    @classmethod
+    def kinds(cls) -> dict[str, type[Any]]:
+        """All concrete subclasses by name, and the class itself if concrete.
+
+        Subclasses defined in scripts count once the script is loaded.
+        """
+        found: dict[str, type[Any]] = {}
+        if not inspect.isabstract(cls):
+            found[cls.__name__] = cls
+        for subclass in cls.__subclasses__():
+            found |= subclass.kinds()
+        return found
+
+    @classmethod
+    def refusal(
+        cls, error: ValidationError, names: list[str] | None = None, remedy: str = ""
+    ) -> InvalidInput:
+        """Converts pydantic's first error about a configuration to one that names the field.
+
+        `names` are the arguments' names by position; the default remedy is the field's default
+        value.
+        """
+        first = error.errors(include_url=False)[0]
+        cause = first.get("ctx", {}).get("error")
+        if isinstance(cause, InvalidInput):
+            return cause  # raised by a validator of several fields
+        where = [*first["loc"]]
+        if where and isinstance(where[0], int) and names and where[0] < len(names):
+            where[0] = names[where[0]]
+        dotted = ".".join(str(part) for part in (cls._path, *where) if part not in ("", "[key]"))
+        expected = first["msg"].removeprefix("Input should be ").replace("a valid ", "a ")
+        if expected.startswith(("greater", "less")):
+            expected = f"a number {expected}"
+        elif first["type"] == "unexpected_keyword_argument":
+            known = [f.name for f in fields(cls)]
+            expected = f"a field of {cls.__name__}"
+            remedy = f"It has {', '.join(known)}."
+        if not remedy:
+            defaults = {f.name: f.default for f in fields(cls)}
+            default = defaults.get(str(where[0])) if where else None
+            remedy = f"The default is {default}." if _plain(default) else _HELP
+        return InvalidInput(dotted or cls.__name__, expected, shown(first["input"]), remedy)
+
     @model_validator(mode="wrap")
     @classmethod
     def _read(cls, value: Any, handler: ModelWrapValidatorHandler[Any]) -> Any:
@@ -98,7 +139,7 @@ class Config:
         if isinstance(name, str):
             public = import_module(__name__.partition(".")[0])
             getattr(public, name, None)  # imports the class, if it is a public one
-        kinds = kinds_of(cls)
+        kinds = cls.kinds()
         if not isinstance(name, str) or name not in kinds:
             known = ", ".join(kinds)
             raise PydanticCustomError("kind", "{known}", {"known": f"a {TYPE} out of {known}"})
@@ -120,7 +161,7 @@ class Config:
         Within a part of its own kind, as a driver in a sequence of drivers, only `$type` is stated.
         """
         if inspect.isabstract(cls):
-            kinds = kinds_of(cls)
+            kinds = cls.kinds()
             if cls in _open:
                 return {"properties": {TYPE: {"enum": list(kinds)}}, "required": [TYPE]}
             _open.append(cls)
@@ -144,53 +185,9 @@ def _typed(cls: type, core_schema: Any, handler: GetJsonSchemaHandler) -> dict[s
     return found
 
 
-def kinds_of(cls: type[Config]) -> dict[str, type[Config]]:
-    """All concrete subclasses by name, and the class itself if concrete.
-
-    Subclasses defined in scripts count once the script is loaded.
-    """
-    found: dict[str, type[Config]] = {}
-    if not inspect.isabstract(cls):
-        found[cls.__name__] = cls
-    for subclass in cls.__subclasses__():
-        found |= kinds_of(subclass)
-    return found
-
-
 @functools.cache
 def _adapter(cls: type) -> TypeAdapter[Any]:
     return TypeAdapter(cls)
-
-
-def refusal(
-    error: ValidationError,
-    cls: type[Config],
-    names: list[str] | None = None,
-    remedy: str = "",
-) -> InvalidInput:
-    """Converts pydantic's first error about a configuration to one that names the field.
-
-    `names` are the arguments' names by position; the default remedy is the field's default value.
-    """
-    first = error.errors(include_url=False)[0]
-    cause = first.get("ctx", {}).get("error")
-    if isinstance(cause, InvalidInput):
-        return cause  # raised by a validator of several fields
-    where = [*first["loc"]]
-    if where and isinstance(where[0], int) and names and where[0] < len(names):
-        where[0] = names[where[0]]
-    dotted = ".".join(str(part) for part in (cls._path, *where) if part not in ("", "[key]"))
-    expected = first["msg"].removeprefix("Input should be ").replace("a valid ", "a ")
-    if expected.startswith(("greater", "less")):
-        expected = f"a number {expected}"
-    elif first["type"] == "unexpected_keyword_argument":
-        known = [f.name for f in fields(cls)]
-        expected = f"a field of {cls.__name__}"
-        remedy = f"It has {', '.join(known)}."
-    if not remedy:
-        default = {f.name: f.default for f in fields(cls)}.get(str(where[0])) if where else None
-        remedy = f"The default is {default}." if _plain(default) else _HELP
-    return InvalidInput(dotted or cls.__name__, expected, shown(first["input"]), remedy)
 
 
 def _plain(value: object) -> bool:

@@ -41,9 +41,6 @@ other: ours, and `mujoco.sysid` with its best and its stock options, starting fr
 first file. Engines of a sweep are processes on this machine, or on a cluster.
 """
 
-LIMITS_FORM = "For example: speed = 2.0; position = {low = -1.5, high = 1.5}; contacts = true."
-"""How a file of limits looks."""
-
 
 def check_choice(kind: str, word: str) -> None:
     """Raises `UnknownName`, which lists the choices, unless the word is among those of a kind."""

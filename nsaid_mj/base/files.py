@@ -7,23 +7,19 @@ import errno
 import json
 import os
 import threading
-import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from .errors import BadRun, FolderInUse, InvalidInput, NotWritten
-from .inputs import path_of, read_input, wrote
+from .errors import BadRun, FolderInUse, NotWritten
+from .inputs import path_of, wrote
 from .signatures import check_replaceable, sign, unused
 
 RECORDING = "run.rrd"
 """File of a run's recording."""
 RECORD = "record.arrow"
 """File of a run's record."""
-
-SWEEP = ("manifest.json", "rows.jsonl", "results.parquet")
-"""Files of a sweep: what it is, one row for every run, and their table."""
 
 
 def record_file(path: Path) -> Path:
@@ -34,36 +30,12 @@ def record_file(path: Path) -> Path:
     return file
 
 
-def check_sweep(folder: Path) -> None:
-    """Raises `BadRun` unless a folder has a file of a sweep."""
-    if not any((folder / name).is_file() for name in SWEEP):
-        raise no_sweep(folder)
-
-
-def no_sweep(folder: Path) -> BadRun:
-    """The error to raise for a folder without a sweep."""
-    return BadRun(
-        folder,
-        f"not a sweep folder: {SWEEP[0]} is missing",
-        "Give a folder that `nsaid sweep` has written",
-    )
-
-
 def json_of(text: str | bytes) -> Any:
     """The value of a JSON text; raises `ValueError` if it is not JSON, or nested too deeply."""
     try:
         return json.loads(text)
     except RecursionError as error:
         raise ValueError("thousands of values inside each other") from error
-
-
-def toml_of(path: Path, flag: str, remedy: str) -> dict[str, Any]:
-    """The content of a TOML file that a flag names; raises `InvalidInput` if it is not readable."""
-    try:
-        return tomllib.loads(read_input(path_of(path)).decode())
-    except (OSError, ValueError, RecursionError) as error:
-        expected = "a readable TOML file"
-        raise InvalidInput(flag, expected, f"{path}: {error}", remedy) from error
 
 
 def print_json(value: Any) -> None:

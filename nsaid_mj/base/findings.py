@@ -1,5 +1,7 @@
 """Findings about a model, a log or a fit, in words and as data."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,18 +28,25 @@ class Finding:
         where = f"{self.where}: " if self.where else ""
         return f"{where}{self.text}. {self.remedy}".rstrip()
 
+    @staticmethod
+    def gravest_first(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+        """Findings ordered by level."""
+        levels = ("refusal", "warning", "note")
+        return tuple(sorted(findings, key=lambda finding: levels.index(finding.level)))
 
-def refused(findings: Iterable[Finding]) -> bool:
-    """Whether one of the findings is a refusal."""
-    return any(finding.level == "refusal" for finding in findings)
+    @staticmethod
+    def refused(findings: Iterable[Finding]) -> bool:
+        """Whether one of the findings is a refusal."""
+        return any(finding.level == "refusal" for finding in findings)
 
-
-def missing_files(
-    path: Path, kind: str, names: list[str], remark: str, remedy: str
-) -> list[Finding]:
-    """One note on all meshes (or another `kind` of file) that a model lacks, if there are any."""
-    if not names:
-        return []
-    others, were = (f" and {len(names) - 1} more", "files were") if names[1:] else ("", "file was")
-    text = f"{len(names)} {kind} {were} not found ({names[0]}{others}), so {remark}"
-    return [Finding("note", "mesh_missing", path.name, text, remedy, {"files": names})]
+    @staticmethod
+    def missing_files(
+        path: Path, kind: str, names: list[str], remark: str, remedy: str
+    ) -> list[Finding]:
+        """One note on all meshes (or another `kind` of file) that a model lacks, if any."""
+        if not names:
+            return []
+        others = f" and {len(names) - 1} more" if names[1:] else ""
+        were = "files were" if names[1:] else "file was"
+        text = f"{len(names)} {kind} {were} not found ({names[0]}{others}), so {remark}"
+        return [Finding("note", "mesh_missing", path.name, text, remedy, {"files": names})]

@@ -105,13 +105,18 @@ def was_read(path: Path) -> bool:
     return any(keys & files for files in _read)
 
 
-def check_input(path: Path, most: int = LARGEST_FILE) -> None:
+def check_input(path: Path, text: bool = False) -> None:
     """Checks a file of the user's before a library opens it; it then counts as read.
 
     Raises:
-        OSError: it is missing, no regular file, or has more than `most` bytes. A pipe or a device
-            would be waited for or read without end.
+        OSError: it is missing, no regular file, or larger than a log (or a `text`) can be. A pipe
+            or a device would be waited for or read without end.
     """
+    _count(path, LARGEST_TEXT if text else LARGEST_FILE)
+
+
+def _count(path: Path, most: int) -> None:
+    """Counts a file as read; raises `OSError` unless it is regular and has at most `most` bytes."""
     status = os.stat(path)
     _check(path, status, most)
     key = _key(status)
@@ -126,7 +131,7 @@ def read_input(path: Path, most: int = LARGEST_TEXT) -> bytes:
     Raises:
         OSError: it cannot be read, is no regular file, or has more than `most` bytes.
     """
-    check_input(path, most)
+    _count(path, most)
     return read_bytes(path, most)
 
 

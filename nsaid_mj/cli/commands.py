@@ -32,7 +32,7 @@ from ..base import (
     require,
 )
 from ..lab import load
-from ..report import INTERRUPTED, UNUSABLE, code_of
+from ..report import ExitCode
 from ..robots import MORE_ROBOTS, has_example_robots, known_robots, scenarios
 from .process import ending_like_ctrl_c, open_streams, silence
 
@@ -75,14 +75,14 @@ def _exit(action: Callable[[], int]) -> NoReturn:
             code = action()
             sys.stdout.flush()
         except NsaidError as error:
-            code = _say(error, UNUSABLE)
+            code = _say(error, ExitCode.UNUSABLE)
         except KeyboardInterrupt as error:
-            code = _say(f"interrupted. {error}".removesuffix(". "), INTERRUPTED)
+            code = _say(f"interrupted. {error}".removesuffix(". "), ExitCode.INTERRUPTED)
         except BrokenPipeError:  # `nsaid list | head`
             code = 0
         except OSError as error:  # such as a full disk behind the standard output
             what = error.filename or "the output"
-            code = _say(f"{what}: {error.strerror or error}. Give another one.", UNUSABLE)
+            code = _say(f"{what}: {error.strerror or error}. Give another one.", ExitCode.UNUSABLE)
         silence()
     sys.exit(code)
 
@@ -236,7 +236,7 @@ def _judged(name: str, found: Verification, as_json: bool, quiet: bool) -> int:
     elif not quiet:
         page = verification_page(name, found)
         print_page(page, Console(highlight=False), [f"verdicts   {found.file}"])
-    return code_of(found)
+    return ExitCode.of(found)
 
 
 def _carry_out(
@@ -292,7 +292,7 @@ def _code(finished: Run, result: RunResult) -> int:
     from ..core import Status
 
     interrupted = finished.ending.status is Status.interrupted
-    return INTERRUPTED if interrupted else code_of(result)
+    return ExitCode.INTERRUPTED if interrupted else ExitCode.of(result)
 
 
 def _list() -> int:

@@ -15,9 +15,6 @@ from .laws.base import State as State
 # How a run ended, in words, with the remedy.
 from .laws.base import Status as Status
 
-# (a,) relative standard deviations of k_i over the mean of all actuators; inf if unknown.
-from .laws.base import gain_deviations as gain_deviations
-
 # ∇²ψ(θ̂) = Γ⁻¹ + μ ∇²b(θ̂) in place of Γ⁻¹.
 from .laws.cone.law import ConeMetric as ConeMetric
 
@@ -81,9 +78,6 @@ from .laws.settings import EfficientConfig as EfficientConfig
 # Storage and use of past data by the law `memory`.
 from .laws.settings import MemoryConfig as MemoryConfig
 
-# The levels of sensors without noise.
-from .log import EXACT as EXACT
-
 # Measurements and commands of N samples, in order of time, checked when the log is made.
 from .log import Log as Log
 
@@ -93,14 +87,8 @@ from .log import Measurement as Measurement
 # Assumed standard deviations of the sensors' noise, white from sample to sample.
 from .log import SensorLevels as SensorLevels
 
-# Consecutive logs and another one; short ones are joined, so that there are log₂ N at most.
-from .log import extended as extended
-
 # Levels of (2) and (75) during a run, from the identifier's own regressor.
 from .nullspace.persistence import PersistenceMonitor as PersistenceMonitor
-
-# ε₀ of one window.
-from .nullspace.persistence import level as level
 
 # Singular values below this share of the largest count as 0. For the robots of example-robot-data
 # the smallest nonzero one is 3e-7, and the largest that counts as 0 is 6e-11 (axes meant to be
@@ -110,17 +98,8 @@ from .nullspace.subspace import TOLERANCE as TOLERANCE
 # A split of θ/scale space into P_s(θ) and its orthogonal complement (32–36).
 from .nullspace.subspace import Nullspace as Nullspace
 
-# Describes P_s(θ) by a sparse basis in words: common scales first, then trade-offs.
-from .nullspace.subspace import directions as directions
-
 # (N, p) rows of W(t, x, v, θ)·diag(scale) at random states, N about ten times p.
 from .nullspace.subspace import regressor_stack as regressor_stack
-
-# The nullspace of a stack of regressors, and its complement: the one rank decision.
-from .nullspace.subspace import split as split
-
-# P_s(θ) over all motions, from random states with the acceleration v̇ of (20) under θ.
-from .nullspace.subspace import structural as structural
 
 # Marks a small function that becomes part of the compiled functions that call it.
 from .numerics.kernels import helper as helper
@@ -176,6 +155,9 @@ from .numerics.spatial import unrotate as unrotate
 # What stands for a number that there is not.
 from .parameters import ABSENT as ABSENT
 
+# Names of the six axes of a body, as in names of parameters.
+from .parameters import AXES as AXES
+
 # An array of float64; shapes and units are in the docstrings.
 from .parameters import Array as Array
 
@@ -200,23 +182,8 @@ from .parameters import phrase as phrase
 # A number in few digits, a power of ten only below 1e-4 and from 1e5: 0.00021, 1.8·10⁻⁶.
 from .parameters import rounded as rounded
 
-# b(θ) at θ (p,); infinite outside the cone.
-from .quotient.barrier import barrier as barrier
-
-# ∇b (p,) and the block-diagonal ∇²b (p, p) at θ (p,); NaN outside the cone.
-from .quotient.barrier import gradient_and_hessian as gradient_and_hessian
-
-# Length (dᵀ ∇²b(θ) d)^½ of a step d (p,) at θ (p,); a step shorter than 1 stays inside.
-from .quotient.barrier import local_norm as local_norm
-
 # The blocks of θ that are cones, for compiled code, with their matrices P(θ) sparse.
 from .quotient.cone import Cone as Cone
-
-# The cones of a parameter space.
-from .quotient.cone import cone_of as cone_of
-
-# Whether θ (p,) is inside the cone: every number > 0, every matrix positive definite.
-from .quotient.cone import inside as inside
 
 # J(θ) = ½ Σ_i N_i log λ_i(θ) + the prior, the negative logarithm of a density.
 from .quotient.cost import Posterior as Posterior
@@ -224,20 +191,8 @@ from .quotient.cost import Posterior as Posterior
 # R of some Gramians.
 from .quotient.cost import Quotient as Quotient
 
-# (n, p) diagonals of Σ_i for Gramians (n, p, p); None if no actuator has an effect.
-from .quotient.cost import efforts as efforts
-
-# Limits of steps, and stopping criteria.
-from .quotient.descent import Rules as Rules
-
-# Minimises an objective from a start θ (p,) inside the cone.
-from .quotient.descent import minimise as minimise
-
 # Gramians that add over parts of a log.
 from .quotient.gramians import Sums as Sums
-
-# (p, p) inverse of H ⪰ 0 (p, p) among the parameters `free`, and 0 for all others.
-from .quotient.matrices import inverse_on as inverse_on
 
 # Writes the generalised forces F θ − C v (n,), and the lower triangle of M into work.M.
 from .structure.acting import act as act
@@ -251,41 +206,11 @@ from .structure.arrays import StructureArrays as StructureArrays
 # Workspace of a stage. Kernels allocate nothing.
 from .structure.arrays import Workspace as Workspace
 
-# Workspaces of a stage and for derivatives, for a structure with n velocities.
-from .structure.arrays import memory_of as memory_of
-
-# Names of the six axes of a body, as in names of parameters.
-from .structure.blocks import AXES as AXES
-
 # Acceleration of gravity [m/s²], known: weight is a column of the mass.
 from .structure.blocks import GRAVITY as GRAVITY
 
 # A block of θ, and the columns of F that it scales.
 from .structure.blocks import Term as Term
-
-# A block of like actuators, the first of which reads the first command, and so on.
-from .structure.blocks import actuators as actuators
-
-# The nearest powers of two of |value|: a guess by order of magnitude.
-from .structure.blocks import guessed as guessed
-
-# The ten inertial parameters of the body of a vehicle, in the order of `of_a_body`.
-from .structure.blocks import inertial_block as inertial_block
-
-# The ten inertial parameters of link `name`, body `number` (0 is a floating base).
-from .structure.blocks import link_block as link_block
-
-# The entries of a symmetric M (n, n), upper triangle row by row.
-from .structure.blocks import mass_block as mass_block
-
-# Labels of like parameters: {"thrust_1": "thrust of rotor 1", …} from "thrust of rotor".
-from .structure.blocks import named as named
-
-# (6, 6, p) mass tensor of the ten inertial parameters of a body, which start at `start`.
-from .structure.blocks import of_a_body as of_a_body
-
-# A block of columns; the columns' kinds determine its parameters.
-from .structure.blocks import term as term
 
 # Names of the kinds of force that a flow exerts on a moving body.
 from .structure.columns import DRAG_AND_LIFT as DRAG_AND_LIFT
@@ -295,9 +220,6 @@ from .structure.columns import KINDS as KINDS
 
 # A curve through `values` at increasing commands; constant beyond the ends.
 from .structure.columns.curve import interpolated as interpolated
-
-# A curve by its coefficients of u, u³, u⁵ and so on.
-from .structure.columns.curve import odd as odd
 
 # A curve by its coefficients of u, u|u|, u³, u³|u| and so on.
 from .structure.columns.curve import polynomial as polynomial
@@ -316,18 +238,6 @@ from .structure.configuration_space import plain as plain
 
 # E with E Jᵀ = 0 and λ̂ of contacts at N samples: E W θ = 0 for every force of contact.
 from .structure.contacts import Elimination as Elimination
-
-# J (N, c, n) of contacts and their places (N, k, 3) at positions (N, m).
-from .structure.contacts import contact_jacobians as contact_jacobians
-
-# Writes −M⁻¹ W diag(scale) (N, n, p) along a motion; returns whether M ≻ 0.
-from .structure.information import acceleration_rows as acceleration_rows
-
-# Adds a motion's information about θ_⊥ to J (d, d); returns whether M and S stayed ≻ 0.
-from .structure.information import information_along as information_along
-
-# Writes the joint torques (N, n) of a motion q (N, m), v (N, n), a (N, n) under θ (p,).
-from .structure.information import torques_along as torques_along
 
 # The type of `InverseDynamics` in signatures of compiled functions.
 from .structure.inverse_dynamics import INVERSE_DYNAMICS as INVERSE_DYNAMICS
@@ -349,33 +259,6 @@ from .structure.joints import JointScales as JointScales
 
 # M(q, θ) v̇ + C(x, θ) v = −g(q, θ) − f(v, θ) + diag(k) u (5): motors on a tree's 1-DOF joints.
 from .structure.joints import JointTree as JointTree
-
-# The bodies of a Pinocchio model of 1-DOF joints, whose root may be a free flyer.
-from .structure.joints import bodies_of as bodies_of
-
-# Names of the links that the joints move, the base's first where the root is a free flyer.
-from .structure.joints import body_names as body_names
-
-# (k, bones, 2, 3) line segments that sketch a robot at positions (k, m) [m].
-from .structure.joints import bones as bones
-
-# Whether the root of a Pinocchio model is a free flyer.
-from .structure.joints import floats as floats
-
-# Names of the 1-DOF joints.
-from .structure.joints import joint_names as joint_names
-
-# The inertial parameters of every body; a floating base is number 0.
-from .structure.joints import link_blocks as link_blocks
-
-# The 1-DOF joints, in order.
-from .structure.joints import moving_joints as moving_joints
-
-# (N, m) Pinocchio's q of coordinates (N, n): continuous joints are (cos, sin).
-from .structure.joints import positions as positions
-
-# Whether a joint is prismatic.
-from .structure.joints import slides as slides
 
 # Writes the rotation matrix (9), body to world, of the unit quaternion (x, y, z, w) q[at].
 from .structure.kinematics import write_rotation as write_rotation
@@ -410,50 +293,14 @@ from .structure.parts import Operation as Operation
 # Inertia that turns or slides with a joint alone: a motor's rotor.
 from .structure.parts import Rotor as Rotor
 
-# (6, 6, 1) added inertia of a slender cylinder: 1 kg, spread evenly along its axis.
-from .structure.parts import cylinder as cylinder
-
-# (6, 6, s) any symmetric matrix on some axes: the upper triangle, row by row.
-from .structure.parts import full as full
-
-# (6, 6, s) a matrix with value · θ_k at (i, j) and (j, i), from rows (i, j, k, value).
-from .structure.parts import tied as tied
-
-# The block of the body that carries a payload by default: the last link, or `body`.
-from .structure.payload import carrier as carrier
-
-# (p,) change of θ by a point mass [kg].
-from .structure.payload import point_mass as point_mass
-
-# Whether θ is that of a single body in water with a full mass matrix.
-from .structure.payload import submerged as submerged
-
-# (m,) the position q (m,) as measured by a sensor with a bias.
-from .structure.sensing import displaced as displaced
-
-# A name for each position: x, y, z and the quaternion's parts of a pose in space, then joints.
-from .structure.sensing import position_labels as position_labels
-
-# A name for each velocity, a body's angular ones as rates: surge, … yaw rate, joints.
-from .structure.sensing import rate_labels as rate_labels
-
-# A name for each sensor of position, then for each of velocity.
-from .structure.sensing import sensor_labels as sensor_labels
-
-# The unit of each sensor of position, then of each of velocity.
-from .structure.sensing import sensor_units as sensor_units
-
-# A name for each velocity: surge, sway …, then the robot's own names of its joints.
-from .structure.sensing import velocity_labels as velocity_labels
+# What point masses fixed to a body change in θ.
+from .structure.payload import PointMasses as PointMasses
 
 # The axes of a body in the plane, among the six of one in space.
 from .structure.single_body import LEVEL as LEVEL
 
 # M ν̇ + C(ν) ν = F θ (4) of one body in space, in the plane, or along the vertical.
 from .structure.single_body import SingleBody as SingleBody
-
-# The system, if it is one body with these blocks of θ; `wanted` describes it in the message.
-from .structure.single_body import single_body as single_body
 
 # Scalar product of 3-vectors.
 from .structure.spatial import dot3 as dot3
@@ -463,9 +310,3 @@ from .structure.structure import Structure as Structure
 
 # M(x, θ) v̇ + C(x, θ) v = F(t, x, u) θ (4), linear in θ (8, 9), with Ṁ − 2C skew.
 from .structure.system import SecondOrderSystem as SecondOrderSystem
-
-# For each command, the indices of its gains: the actuator parameters whose force it affects.
-from .structure.system import gains_by_command as gains_by_command
-
-# A copy of a system with another structure of the same joints, and with its parameters.
-from .structure.system import rebuilt as rebuilt

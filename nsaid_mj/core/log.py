@@ -133,6 +133,14 @@ class Log(_Columns):
         """The measurements of one or more logs, one after the other, without checks."""
         return Log.unchecked(*map(np.concatenate, zip(*logs, strict=True)))
 
+    @staticmethod
+    def extended(parts: tuple[Log, ...], log: Log) -> tuple[Log, ...]:
+        """Consecutive logs and another one; short ones are joined: there are log₂ N at most."""
+        parts = (*parts, log)
+        while len(parts) > 1 and len(parts[-2].t) <= len(parts[-1].t):
+            parts = (*parts[:-2], Log.joined(*parts[-2:]))
+        return parts
+
     def first(self, count: int) -> Log:
         """The first `count` measurements."""
         return self.part(0, count)
@@ -162,14 +170,6 @@ class Log(_Columns):
 
 
 _REMEDY = "A log is t (N,), q (N, m), v (N, n) and u (N, n_u), one row for each sample."
-
-
-def extended(parts: tuple[Log, ...], log: Log) -> tuple[Log, ...]:
-    """Consecutive logs and another one; short ones are joined, so that there are log₂ N at most."""
-    parts = (*parts, log)
-    while len(parts) > 1 and len(parts[-2].t) <= len(parts[-1].t):
-        parts = (*parts[:-2], Log.joined(*parts[-2:]))
-    return parts
 
 
 def _numbers(name: str, part: ArrayLike) -> Array:

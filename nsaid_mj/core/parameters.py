@@ -6,10 +6,10 @@ magnitude before any measurement; every norm, rank and projection in this packag
 """
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, get_args
+from typing import Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +21,14 @@ Indices = NDArray[np.intp]
 Geometry = Literal["free", "positive", "pseudo_inertia", "spd", "tied"]
 
 _SIZES = {"pseudo_inertia": 10}
+
+_INVERTED = 1e-12  # share of the mean diagonal that is added where a matrix is inverted
+
+AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+"""Names of motions along and about the axes of a body."""
+INERTIAL = ("m", "hx", "hy", "hz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+"""Names of the inertial parameters of a rigid body about its origin, in Pinocchio's order."""
+_LABELS = ("mass", "m·cx", "m·cy", "m·cz", *INERTIAL[4:])
 
 ABSENT = "–"
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -153,6 +161,63 @@ class Block:
     def __len__(self) -> int:
         return len(self.names)
 
+    @staticmethod
+    def guessed(value: ArrayLike) -> Array:
+        """The nearest powers of two of |value|: a scale by order of magnitude."""
+        exponent = np.round(np.log2(np.abs(np.asarray(value, dtype=np.float64))))
+        return np.exp2(exponent).astype(np.float64)
+
+    @classmethod
+    def of_body(cls, mass: float, offset: float, inertia: Array) -> Self:
+        """The ten inertial parameters of the body of a vehicle: m, m c (3), Ixx, Ixy, Iyy, Ixz ….
+
+        Guesses are the mass [kg], the largest distance `offset` of the centre of mass from the
+        origin [m], and moments of inertia (3,) [kg·m²], of which products are a quarter.
+        """
+        x, y, z = inertia
+        products = 0.25 * np.sqrt([x * y, x * z, y * z])
+        moments = [x, products[0], y, products[1], products[2], z]
+        return cls._inertial("body", "body", "", np.array([mass, *[mass * offset] * 3, *moments]))
+
+    @classmethod
+    def of_link(cls, number: int, name: str, mass: float, length: float) -> Self:
+        """The ten inertial parameters of link `name`, body `number` (0 is a floating base).
+
+        `mass` [kg] and `length` [m] are guesses.
+        """
+        scale = mass * np.repeat([1.0, length, length**2], [1, 3, 6])
+        return cls._inertial(f"link {number}" if number else "base", name, f"_{number}", scale)
+
+    @classmethod
+    def _inertial(cls, block: str, body: str, end: str, scale: Array) -> Self:
+        names = (f"{x}{end}" for x in INERTIAL)
+        labels = (f"{x} of {body}" for x in _LABELS)
+        units = ("kg",) + ("kg·m",) * 3 + ("kg·m²",) * 6
+        return cls(block, tuple(names), units, scale, "pseudo_inertia", labels=tuple(labels))
+
+    @classmethod
+    def of_mass_matrix(cls, diagonal: Array, axes: Sequence[int] = range(6)) -> Self:
+        """The entries of a symmetric M (n, n), upper triangle row by row.
+
+        diagonal (n,) is a guess of M's diagonal [kg, kg·m²], and off it a quarter of the geometric
+        mean; `axes` are those along and about which the body moves, of the six.
+        """
+        rows, columns = np.triu_indices(len(axes))
+        share = np.where(rows == columns, 1.0, 0.25)
+        scale = share * np.sqrt(diagonal[rows] * diagonal[columns])
+        rows = np.asarray(axes)[rows]
+        columns = np.asarray(axes)[columns]
+        pairs = list(zip(rows.tolist(), columns.tolist(), strict=True))
+        units = np.array(["kg", "kg·m", "kg·m²"])[(rows >= 3).astype(int) + (columns >= 3)]
+        return cls(
+            "mass matrix",
+            tuple(f"M_{i + 1}{j + 1}" for i, j in pairs),
+            tuple(units.tolist()),
+            scale,
+            "spd",
+            labels=tuple(_mass_label(i, j) for i, j in pairs),
+        )
+
     def _entries_problem(self) -> str:
         """What is wrong with `entries`; empty if they are valid."""
         if self.geometry != "tied":
@@ -172,6 +237,13 @@ class Block:
                 return f"{name} on the diagonal and off it" if at in on else f"none for {name}"
         order = 1 + max(i for i, _ in places)
         return "" if sum(i == j for i, j in places) == order else "a gap in the diagonal"
+
+
+def _mass_label(i: int, j: int) -> str:
+    """The label of entry (i, j) of M; "effective" because it includes added mass."""
+    if i == j:
+        return f"effective {AXES[i]} {'mass' if i < 3 else 'inertia'}"
+    return f"{AXES[i]}–{AXES[j]} coupling of M"
 
 
 @dataclass(frozen=True)
@@ -255,6 +327,20 @@ class ParameterSpace:
         if name not in self.names:
             raise UnknownName("parameter", name, self.names)
         return self.names.index(name)
+
+    def inverse(self, hessian: Array, free: Indices) -> Array:
+        """(p, p) inverse of H ⪰ 0 (p, p) among the parameters `free`, and 0 for all others.
+
+        H is of θ; it is inverted as that of θ/scale.
+        """
+        import scipy.linalg  # arguments are checked without it
+
+        found = np.zeros_like(hessian)
+        unit = np.outer(self.scale[free], self.scale[free])
+        inner = hessian[np.ix_(free, free)] * unit
+        inner[np.diag_indices_from(inner)] += _INVERTED * np.trace(inner) / len(inner)
+        found[np.ix_(free, free)] = scipy.linalg.inv(inner) * unit
+        return found
 
     def check(self, theta: ArrayLike, name: str = "theta") -> Array:
         """Converts θ to a float array of shape (p,).

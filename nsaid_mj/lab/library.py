@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..base import (
-    LARGEST_TEXT,
     InvalidInput,
     NsaidError,
     UnknownName,
@@ -100,7 +99,7 @@ def load(name: str) -> Scenario:
     if path.suffix != ".py" or not path.is_file():
         remedy = "The name comes before all flags; a script or scenario.json is given by its path."
         raise UnknownName("scenario", name, known, remedy)
-    check_input(path, LARGEST_TEXT)
+    check_input(path, text=True)
     name = f"_scenario_{path.stem}"
     loader = _Script(name, str(path))
     spec = importlib.util.spec_from_file_location(name, path, loader=loader)

@@ -1,7 +1,8 @@
 """The only loop: runs the identifiers on the measurements of a source, and writes the record.
 
-The wall: an identifier gets the plant's structure, a prior, and measurements. `setup` draws the
-prior before the first time step; the truth is not read again until the end of the run.
+No true value reaches an identifier: it gets the plant's structure, a prior, and measurements.
+`setup` draws the prior before the first time step; the truth is not read again until the end of the
+run.
 """
 
 import signal
@@ -31,11 +32,11 @@ from ..core import (
     Array,
     FaultEvent,
     Identifier,
+    Nullspace,
     PersistenceMonitor,
     SecondOrderSystem,
     State,
     Status,
-    structural,
 )
 from ..robots import Looks
 from .folders import holds_run
@@ -175,7 +176,7 @@ def followed(
     """
     system = robot.system
     rng = np.random.default_rng(Seeds.of(scenario.seed).structure)
-    r = structural(system, robot.prior, rng).r
+    r = Nullspace.structural(system, robot.prior, rng).r
     with writing(folder):  # files of an earlier run could be mistaken for this one's
         folder.mkdir(parents=True, exist_ok=True)
         check_own(folder, (RECORD_FILE, *DERIVED), None)

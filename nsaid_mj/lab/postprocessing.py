@@ -22,7 +22,6 @@ from ..base import (
     write_text,
 )
 from ..core import Array, Status
-from ..report import write_html
 from .evaluation import page as report
 from .evaluation.curves import with_curves
 from .evaluation.run_evaluation import evaluate
@@ -97,7 +96,7 @@ def _finish(
         from .recording.run import write_run_recording
 
         write_run_recording(run, result, truth, checks)
-    write_html(report.page(run, result, checks, command), run.folder)
+    report.page(run, result, checks, command).write_html(run.folder)
     return result
 
 

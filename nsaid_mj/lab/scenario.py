@@ -22,11 +22,9 @@ from ..base import (
     Name,
     NonNegative,
     Positive,
-    Seed,
     Share,
     UnknownName,
     config,
-    refusal,
 )
 from ..core import IdentifierConfig, NullspaceAID
 from .control.driver import DriverConfig
@@ -98,7 +96,7 @@ class Scenario(Config):
     pe_window: Positive = 2.0
     held_out: Positive = 5.0
     record_every: Annotated[int, Field(strict=True, ge=1, le=10**9)] = 1
-    seed: Seed = 0
+    seed: Annotated[int, Field(strict=True, ge=0, le=2**64)] = 0
 
     @model_validator(mode="after")
     def _check_steps(self) -> Self:
@@ -140,7 +138,7 @@ class Scenario(Config):
         try:
             return _ADAPTER.validate_json(text)
         except ValidationError as error:
-            raise refusal(error, Scenario, remedy=_OTHER) from None
+            raise Scenario.refusal(error, remedy=_OTHER) from None
 
     @staticmethod
     def json_schema() -> dict[str, Any]:

@@ -4,9 +4,9 @@ A `Setup` holds the simulated plant and the prior θ̂(0), and builds driver, se
 each from its own stream of the scenario's seed. Runs, held-out trajectories, comparisons of methods
 and Monte Carlo studies all use it.
 
-The wall: an identifier gets the plant's structure, a prior, and measurements. The prior is the
-truth plus a seeded error, or the published values, about which the truth is then drawn; nothing
-else in this package reads the truth before the end of a run.
+No true value reaches an identifier: it gets the plant's structure, a prior, and measurements. The
+prior is the truth plus a seeded error, or the published values, about which the truth is then
+drawn; nothing else in this package reads the truth before the end of a run.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ import numpy as np
 
 from ..base import InvalidInput
 from ..core import (
-    EXACT,
     Array,
     ExpectedGramian,
     Identifier,
@@ -112,7 +111,7 @@ class Setup:
         scenario = self.scenario
         system = self.system
         prior = self.prior
-        levels = scenario.noise.levels if scenario.sensors == "noisy" else EXACT
+        levels = scenario.noise.levels if scenario.sensors == "noisy" else SensorLevels()
 
         @cache
         def gramian() -> Array:

@@ -18,12 +18,11 @@ from ..base import (
     InvalidInput,
     UnknownName,
     check_choice,
-    check_sweep,
     numbers_in,
     print_json,
     printable,
 )
-from ..report import code_of
+from ..report import ExitCode
 
 if TYPE_CHECKING:
     from ..report import Page
@@ -118,7 +117,7 @@ def compare_methods(given: Mapping[str, Any], chosen: ToCompareMethods, folder: 
         result, _ = run_comparison(study, own, quiet=chosen.quiet or chosen.json)
         if chosen.json:
             print((own / COMPARE_FILES[0]).read_text(encoding="utf-8"), end="")
-    return code_of(result)
+    return ExitCode.of(result)
 
 
 def sweep_scenario(given: Mapping[str, Any], chosen: ToSweep, folder: Path) -> int:
@@ -139,7 +138,7 @@ def sweep_scenario(given: Mapping[str, Any], chosen: ToSweep, folder: Path) -> i
         from .studies.sweep_report import sweep_page
 
         _print(sweep_page(found), found)
-    return code_of(sweep_result(found))
+    return ExitCode.of(sweep_result(found))
 
 
 def identify_often(given: Mapping[str, Any], chosen: ToSample, folder: Path) -> int:
@@ -158,7 +157,7 @@ def identify_often(given: Mapping[str, Any], chosen: ToSample, folder: Path) -> 
         print_json(montecarlo_document(found))
     elif not chosen.quiet:
         _print(montecarlo_page(found), found)
-    return code_of(montecarlo_result(found))
+    return ExitCode.of(montecarlo_result(found))
 
 
 def _print(page: Page, found: Runs) -> None:
@@ -186,7 +185,7 @@ def compare_trackers(given: Mapping[str, Any], chosen: ToTrack, folder: Path) ->
         result, _ = run_tracking(study, own, quiet=chosen.quiet or chosen.json)
         if chosen.json:
             print((own / TRACKING_FILES[0]).read_text(encoding="utf-8"), end="")
-    return code_of(result)
+    return ExitCode.of(result)
 
 
 def _finished(
@@ -200,6 +199,8 @@ def _finished(
 
 def draw_sweep(folder: Path) -> int:
     """Executes `nsaid report`: draws the page of the sweep in a folder."""
+    from .studies.sweep_files import check_sweep
+
     check_sweep(folder)
     from .studies.folder import read
     from .studies.sweep_report import write_sweep_page

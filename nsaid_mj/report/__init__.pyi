@@ -6,32 +6,14 @@ from .drawings import extremes as extremes
 # Panels as figures of a page; one alone, without any `others`, is twice as wide.
 from .drawings import figures_of as figures_of
 
-# The exit code of a command whose verdict explains, or that has none.
-from .exit_codes import EXPLAINED as EXPLAINED
-
-# The exit code of a command that was interrupted.
-from .exit_codes import INTERRUPTED as INTERRUPTED
-
-# The exit code of a command whose input cannot be used.
-from .exit_codes import UNUSABLE as UNUSABLE
-
-# The exit code of a result; an incomplete study is not explained either.
-from .exit_codes import code_of as code_of
+# The exit code of a command.
+from .exit_codes import ExitCode as ExitCode
 
 # Names of the online excitation levels.
 from .labels import EXCITATION_LEVELS as EXCITATION_LEVELS
 
-# Names of the commands: those of the joints where there is one for each.
-from .labels import command_names as command_names
-
-# The unit of the generalised force of each velocity.
-from .labels import force_units as force_units
-
 # The parameters by block and unit.
 from .labels import groups as groups
-
-# Names of the velocities, or of their errors, with units and the prefix `mark`.
-from .labels import velocity_names as velocity_names
 
 # Name of the file of a page.
 from .page import REPORT_FILE as REPORT_FILE
@@ -74,12 +56,6 @@ from .page import count as count
 
 # The lines of texts, lists, tables and folded panels.
 from .page import item_lines as item_lines
-
-# A page's verdict and findings, and texts, lists and tables of its brief sections.
-from .page import markdown as markdown
-
-# Writes report.html atomically and returns its path.
-from .page import write_html as write_html
 
 # Colour of what is wrong, such as a failed actuator.
 from .panels import BAD as BAD
@@ -269,9 +245,6 @@ from .result import Status as Status
 
 # A mark for each status that occurs, with the number of parameters that have it.
 from .result import counts as counts
-
-# Findings ordered by level.
-from .result import gravest_first as gravest_first
 
 # Prints a line for each finding, notes dimmed; of many of one level it counts the rest.
 from .terminal import print_findings as print_findings

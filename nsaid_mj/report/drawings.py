@@ -211,7 +211,7 @@ def comparison(panel: Comparison) -> str:
             line(lower, times[:-1], drawn[:-1], DIFFERENCE, color=COLOURS[2], linewidth=0.9)
         upper.margins(x=0.0)
         upper.tick_params(labelbottom=False)
-        upper.set_ylabel(panel.label + unit)
+        upper.set_ylabel(panel.label + (unit or " [as logged]"))
         lower.set_ylabel("error" + unit)
         lower.set_xlabel("t [s]")
         logarithmic(lower, most=4)

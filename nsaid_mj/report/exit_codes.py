@@ -12,24 +12,23 @@ A command's exit code follows from the verdict that it prints and puts on its pa
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .result import Result
 
-EXPLAINED = 0
-"""The exit code of a command whose verdict explains, or that has none."""
 
-NOT_EXPLAINED = 1
-"""The exit code of a command whose verdict does not explain, or is missing."""
+class ExitCode(IntEnum):
+    """The exit code of a command."""
 
-UNUSABLE = 2
-"""The exit code of a command whose input cannot be used."""
+    EXPLAINED = 0  # the verdict explains, or there is none
+    NOT_EXPLAINED = 1  # the verdict does not explain, or is missing
+    UNUSABLE = 2  # the input cannot be used
+    INTERRUPTED = 130
 
-INTERRUPTED = 130
-"""The exit code of a command that was interrupted."""
-
-
-def code_of(result: Result) -> int:
-    """The exit code of a result; an incomplete study is not explained either."""
-    return NOT_EXPLAINED if result.explains == "no" or not result.complete else EXPLAINED
+    @classmethod
+    def of(cls, result: Result) -> ExitCode:
+        """The exit code of a result; an incomplete study is not explained either."""
+        failed = result.explains == "no" or not result.complete
+        return cls.NOT_EXPLAINED if failed else cls.EXPLAINED

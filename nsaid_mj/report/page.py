@@ -22,6 +22,8 @@ from .result import LEVELS, Mark, Result, gathered
 
 REPORT_FILE = "report.html"
 _TEMPLATES = Path(__file__).parent / "templates"
+_ROOM = 88  # of a table on a recording's first page [characters], and between two columns
+_GAP = 1
 _EMPTY: set[object] = {"", ABSENT}
 
 DARK = (
@@ -47,10 +49,14 @@ MARKERS = {
     "D": "M12 0L16 4L12 8L8 4Z",
     "x": "M8 0L16 8M16 0L8 8",
     "|": "M12 0V8",
-    "o-": "M0 4H24M10.5 4A1.5 1.5 0 1 0 13.5 4A1.5 1.5 0 1 0 10.5 4M11 4H13",
+    "o-": "M0 4H24M9 4A3 3 0 1 0 15 4A3 3 0 1 0 9 4",
     "o": "M9 4A3 3 0 1 0 15 4A3 3 0 1 0 9 4",
+    ".": "M9 4A3 3 0 1 0 15 4A3 3 0 1 0 9 4",
 }
 """Paths of matplotlib's markers in a legend, in place of a dash pattern."""
+
+FILLED = {"o-", "."}
+"""Markers that are drawn filled."""
 
 
 class Link(NamedTuple):
@@ -113,6 +119,21 @@ class Table:
             spare=[at[k] for k in self.spare if k in at],
         )
 
+    def columns_within(self, room: float, widths: Sequence[int]) -> list[int]:
+        """Indices of the columns that stand side by side: all, or as many as there is room for.
+
+        The `spare` ones are left out first, then those on the right.
+
+        Args:
+            room: width of the table [characters].
+            widths: of the columns, with the space between two [characters].
+        """
+        shown = list(range(len(widths)))
+        order = [*self.spare, *(k for k in reversed(shown) if k not in self.spare and k)]
+        while order and sum(widths[k] for k in shown) > room:
+            shown.remove(order.pop(0))
+        return shown
+
 
 @dataclass(frozen=True)
 class Figure:
@@ -120,7 +141,8 @@ class Figure:
 
     title: str  # above the drawing
     drawing: str  # an SVG element of `plots.svg`, or an image
-    # (name, colour, dash) of each entry; a dash of `BAND` is a shaded area
+    # (name, colour, dash) of each entry; a dash of `BAND` is a shaded area, or it is a marker, or
+    # the path of one in an SVG box of 24 × 8
     legend: Sequence[tuple[str, str, str]] = ()
     wide: bool = False  # whether it takes the whole width of the page
 
@@ -174,17 +196,36 @@ class Page:
     # by name, of this package and of those that affect its results
     versions: dict[str, str] = field(default_factory=dict)
 
+    def write_html(self, folder: Path) -> Path:
+        """Writes report.html atomically and returns its path."""
+        path = folder / REPORT_FILE
+        write_text(path, render_html(self))
+        return path
+
+    def markdown(self) -> str:
+        """The verdict and findings, and texts, lists and tables of its brief sections."""
+        mark = self.result.mark
+        lines = [f"## {plain(self.heading)}", ""] if self.heading else []
+        lines += [f"**{plain(mark.text)}**", ""] if mark else []
+        lines += [plain(self.lead), ""] if self.lead else []
+        said = list[str]()
+        notes = list[str]()
+        for finding in gathered(self.result.findings):
+            where = f"**{plain(finding.where)}**: " if finding.where else ""
+            line = f"- {where}{plain(f'{finding.text}. {finding.remedy}')}"
+            (notes if finding.level == "note" else said).append(line)
+        lines += said
+        for section in self.sections:
+            if section.brief and (shown := in_brief(section.panels)):
+                lines += ["", *([f"### {plain(section.title)}", ""] if section.title else [])]
+                lines += item_lines([_narrow(p) if isinstance(p, Table) else p for p in shown])
+        lines += ["", "### Notes", "", *notes] if notes else []
+        return "\n".join(lines) + "\n"
+
 
 def count(number: int, singular: str, plural: str = "") -> str:
     """A number with its noun: 1 seed, 2 seeds, 0 seeds."""
     return f"{number} {singular if number == 1 else plural or singular + 's'}"
-
-
-def write_html(page: Page, folder: Path) -> Path:
-    """Writes report.html atomically and returns its path."""
-    path = folder / REPORT_FILE
-    write_text(path, render_html(page))
-    return path
 
 
 def render_html(page: Page) -> str:
@@ -238,33 +279,13 @@ def _environment() -> Any:
         band=BAND,
         pale=PALE,
         markers=MARKERS,
+        filled=FILLED,
         script=Markup(script),
         digest=digest,
         levels=LEVELS,
         shared_legend=shared_legend,
     )
     return environment
-
-
-def markdown(page: Page) -> str:
-    """A page's verdict and findings, and texts, lists and tables of its brief sections."""
-    mark = page.result.mark
-    lines = [f"## {plain(page.heading)}", ""] if page.heading else []
-    lines += [f"**{plain(mark.text)}**", ""] if mark else []
-    lines += [plain(page.lead), ""] if page.lead else []
-    said = list[str]()
-    notes = list[str]()
-    for finding in gathered(page.result.findings):
-        where = f"**{plain(finding.where)}**: " if finding.where else ""
-        line = f"- {where}{plain(f'{finding.text}. {finding.remedy}')}"
-        (notes if finding.level == "note" else said).append(line)
-    lines += said
-    for section in page.sections:
-        if section.brief and (shown := in_brief(section.panels)):
-            lines += ["", *([f"### {plain(section.title)}", ""] if section.title else [])]
-            lines += item_lines(shown)
-    lines += ["", "### Notes", "", *notes] if notes else []
-    return "\n".join(lines) + "\n"
 
 
 def in_brief(panels: Sequence[PageItem]) -> list[PageItem]:
@@ -294,14 +315,31 @@ def item_lines(some: Sequence[PageItem]) -> list[str]:
     return lines
 
 
+def _narrow(table: Table) -> Table:
+    """A table as wide as a recording's first page has room for; the report has all of it."""
+    cells = [[_cell(cell, links=False) for cell in line] for line in table.lines]
+    rows = [list(table.heads), *(line for line in cells if len(line) > 1)]
+    widths = [max(map(len, column)) + _GAP for column in zip(*rows, strict=True)]
+    kept = table.columns_within(_ROOM, widths)
+    return replace(
+        table,
+        heads=[table.heads[k] for k in kept],
+        lines=[[line[k] for k in kept] if len(line) > 1 else line for line in cells],
+    )
+
+
 def _row(cells: Sequence[str]) -> str:
     return f"| {' | '.join(map(plain, cells))} |"
 
 
-def _cell(cell: Cell) -> str:
-    if isinstance(cell, Mark | Link):
+def _cell(cell: Cell, links: bool = True) -> str:
+    if isinstance(cell, Link):
+        return cell.text if links else ""
+    if isinstance(cell, Mark):
         return cell.text
-    return " ".join(map(_cell, cell)) if isinstance(cell, tuple) else str(cell)
+    if isinstance(cell, tuple):
+        return " ".join(filter(None, (_cell(part, links) for part in cell)))
+    return str(cell)
 
 
 def plain(text: str) -> str:

@@ -177,7 +177,8 @@ class Forest:
     @property
     def legend(self) -> list[tuple[str, str, str]]:
         """(name, colour, dash) of the values shown."""
-        entries = [(self.certain, COLOURS[0], "o-")] if self.firm.any() else []
+        line = "o-" if np.isfinite(self.high[self.firm]).any() else "."
+        entries = [(self.certain, COLOURS[0], line)] if self.firm.any() else []
         if not self.firm.all():
             entries.append((UNSURE, COLOURS[8], "o"))
         return entries + [(o.name, o.colour, o.marker) for o in self.others if len(o.values)]

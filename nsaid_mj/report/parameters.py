@@ -79,7 +79,7 @@ def folds(
     few = len(result.parameters) <= _OPEN
     return [
         Fold(
-            members[0].part if name in result.bodies else members[0].kind,
+            members[0].part if name in result.bodies else _kind(name, members),
             [table(members, numbers)],
             counts(members),
             str(len(members)),
@@ -88,6 +88,12 @@ def folds(
         for name, members in result.blocks.items()
         if gains or not members[0].is_gain
     ]
+
+
+def _kind(block: str, members: Sequence[Parameter]) -> str:
+    """The kind of a block's parameters in words: the block's name where they differ by it."""
+    kinds = {member.kind for member in members}
+    return kinds.pop() if len(kinds) == 1 else block
 
 
 def gains_of(result: Result, numbers: Mapping[str, int] | None = None) -> list[Table]:

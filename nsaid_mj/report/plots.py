@@ -19,14 +19,17 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.markers import MarkerStyle
 from matplotlib.patches import Rectangle
+from matplotlib.path import Path as Outline
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from ..base import atomic_write
 from ..core import Array
 from .page import VARIABLES
 from .page import Figure as PageFigure
-from .panels import COLOURS, GRID, INK, Panel, thin
+from .panels import COLOURS, DASHES, GRID, INK, Panel, thin
 
 CURVE = "curve:"
 NAMES = "names"
@@ -150,8 +153,26 @@ def page_figure(title: str, draw: Callable[[Axes], None], wide: bool = False) ->
             first = handle[0] if isinstance(handle, tuple) else handle  # a bar, or a curve
             bar = isinstance(first, Rectangle)
             colour = to_hex(first.get_facecolor() if bar else first.get_color())
-            legend.append((label, colour, "-" if bar else first.get_linestyle()))
+            legend.append((label, colour, "-" if bar else _sign(first)))
         return PageFigure(title, svg(figure, title), legend, wide)
+
+
+def _sign(curve: Line2D) -> str:
+    """What stands for a curve in a legend: its dash pattern, or an SVG path with its marker."""
+    marker = curve.get_marker()
+    if marker in {"", " ", "None", None}:
+        return str(curve.get_linestyle())
+    style = MarkerStyle(marker)
+    shape = style.get_path().transformed(style.get_transform())
+    # a legend's box is 24 × 8
+    drawn = "M0 4H24" if curve.get_linestyle() in DASHES and len(curve.get_xdata()) > 1 else ""
+    for points, code in shape.iter_segments(curves=False):
+        if code == Outline.CLOSEPOLY:
+            drawn += "Z"
+            continue
+        word = "M" if code == Outline.MOVETO else "L"
+        drawn += f"{word}{12 + 7 * points[0]:.2f} {4 - 7 * points[1]:.2f}"
+    return drawn
 
 
 def categories(axis: Axes, labels: Sequence[str], name: str) -> None:

@@ -55,11 +55,6 @@ LEVELS: dict[Level, Mark] = {
 """Marks of findings, the gravest first."""
 
 
-def gravest_first(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Findings ordered by level."""
-    return tuple(sorted(findings, key=lambda finding: list(LEVELS).index(finding.level)))
-
-
 _NUMBER = re.compile(r"(?<![\w.])[−-]?\d+(?:\.\d+)?(?:·10[⁻⁰¹²³-⁹]+)?(?!\w)(?!\.\d)")
 _ROWS = re.compile(r" \(rows [\d, …]+\)")
 _NAMED = 6  # places that are named; of more the first and the last

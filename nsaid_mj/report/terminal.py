@@ -4,6 +4,7 @@ On a terminal lines are broken between words, and columns that do not fit are fo
 below their row. A pipe or a file gets every column, row and finding, each statement on one line.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -134,7 +135,8 @@ def _print_table(table: Table, console: Console) -> None:
     for line in cells:
         if len(line) > 1:
             widths = [max(old, cell.cell_len) for old, cell in zip(widths, line, strict=True)]
-    shown = _columns(table, widths, console)
+    room = console.width if console.is_terminal else math.inf
+    shown = table.columns_within(room, [width + len(_GAP) for width in widths])
     folded = [k for k in range(len(widths)) if k not in shown]
     console.print()
     levels = max(len(heads[k]) for k in shown)
@@ -159,19 +161,6 @@ def _in_words(head: str, cell: Styled) -> str:
     """A folded cell: its column's name, the value and the unit."""
     name, _, unit = head.removesuffix("]").partition(" [")
     return f"{escape(name)} {cell.markup} {escape(unit)}".rstrip()
-
-
-def _columns(table: Table, widths: Sequence[int], console: Console) -> list[int]:
-    """The columns that stand side by side: all, or as many as a terminal has room for.
-
-    The table's `spare` ones are folded first, then those on the right.
-    """
-    shown = list(range(len(widths)))
-    order = [*table.spare, *(k for k in reversed(shown) if k not in table.spare and k)]
-    room = console.width if console.is_terminal else sum(widths) + 4 * len(widths)
-    while order and sum(widths[k] + len(_GAP) for k in shown) > room:
-        shown.remove(order.pop(0))
-    return shown
 
 
 def _print_row(

@@ -30,6 +30,9 @@ from .assets import vehicle_files as vehicle_files
 # A robot description that cannot be simulated.
 from .errors import BadRobot as BadRobot
 
+# Writes identified values: .urdf and .xml (MJCF) are models, .yaml is for `mujoco.sysid`.
+from .export import write_model as write_model
+
 # Raises what `load_robot_model` would if there is no such file or name.
 from .files import check_model as check_model
 
@@ -66,32 +69,17 @@ from .loading import load_tree as load_tree
 # The text of the file that `write_mjcf` writes; raises `InvalidInput` for a vehicle.
 from .mjcf_export import mjcf_text as mjcf_text
 
-# Writes a MuJoCo model with identified values.
-from .mjcf_export import write_mjcf as write_mjcf
+# A user's MJCF, compiled.
+from .mjcf_model import MjcfFile as MjcfFile
 
-# All actuators in MuJoCo's order.
-from .mjcf_file import actuators_of_file as actuators_of_file
-
-# Compiles an MJCF or .mjb file.
-from .mjcf_file import compile_file as compile_file
-
-# All joints in MuJoCo's order: a body's own come before those of its children.
-from .mjcf_file import joints_of_file as joints_of_file
-
-# The content of an MJCF file for editing, with included files in their places.
-from .mjcf_file import own_file as own_file
-
-# Makes the folders of a file's meshes and textures relative to another folder, in place.
-from .mjcf_file import relocate as relocate
+# The content of an MJCF for editing, with included files in their places.
+from .mjcf_model import MjcfText as MjcfText
 
 # A robot as its model file describes it: kinematics, and guesses of its parameters.
 from .model import RobotModel as RobotModel
 
 # Position servos on k joints: force = kp (u − q) − kv q̇.
 from .model import Servos as Servos
-
-# The links of a tree of joints, with one command for each joint, but no force on any.
-from .model import links_of as links_of
 
 # The geom types that `of_geom` supports.
 from .shapes import DRAWN as DRAWN
@@ -105,26 +93,11 @@ from .shapes import VisualMesh as VisualMesh
 # The mesh of MuJoCo's geom i, a box or a solid of revolution, in the geom's own frame.
 from .shapes import of_geom as of_geom
 
-# Writes a parameter dictionary of `mujoco.sysid`, for the model that `write_mjcf` writes.
-from .tables import write_sysid as write_sysid
-
 # Writes a table as YAML, lists of numbers on one line.
 from .tables import write_table as write_table
 
-# Custom numeric of an MJCF: delays of all actuators' targets [s], which MuJoCo does not apply.
-from .tree import TARGET_DELAY as TARGET_DELAY
-
-# Another one: the speeds, accelerations and lags of `target_profile` of all actuators' targets.
-from .tree import TARGET_PROFILE as TARGET_PROFILE
-
 # The actuators that act on a joint alone.
 from .tree import actuators_of as actuators_of
-
-# The names of all joints in Pinocchio's model; an unnamed one gets its body's name.
-from .tree import joint_names as joint_names
-
-# The servos of k joints of a MuJoCo model; None unless each has one, and no other actuator.
-from .tree import position_servos as position_servos
 
 # Overwrites the inertias of the bodies from `first` on with ten parameters each (10 b,).
 from .tree import set_inertias as set_inertias
@@ -132,26 +105,11 @@ from .tree import set_inertias as set_inertias
 # Sets all plants' options: RK4 by dt [s], no automatic reset, no contacts, no joint limits.
 from .tree import set_options as set_options
 
-# (nu,) delays of a MuJoCo model's targets [s]: of its actuators, or of `TARGET_DELAY`.
-from .tree import target_delays as target_delays
-
-# (nu, 3) profiles of a MuJoCo model's targets: `TARGET_PROFILE`, and its actuators' filters.
-from .tree import target_profiles as target_profiles
-
 # MuJoCo's specification, with time step dt [s], of a Pinocchio model; no friction, no motors.
 from .tree import tree_spec as tree_spec
 
 # MuJoCo's quaternion (w, x, y, z) of a rotation matrix.
 from .tree import wxyz as wxyz
 
-# Writes a robot's URDF with identified values.
-from .urdf import write_urdf as write_urdf
-
 # Checks a model file and the files that it names, before a library opens them; they count as read.
 from .xml import check_named_files as check_named_files
-
-# Numbers with all their digits, as an attribute.
-from .xml import numbers as numbers
-
-# Writes a document as UTF-8, with remarks as a comment at the top of its root.
-from .xml import write_xml as write_xml

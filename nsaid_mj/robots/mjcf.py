@@ -11,8 +11,7 @@ import mujoco
 import numpy as np
 
 from ..base import Finding, pin
-from ..core import Array, body_names
-from ..core import joint_names as system_joints
+from ..core import Array, JointTree
 from .errors import BadRobot, RobotChanged
 from .inertias import make_physical
 from .mjcf_file import compile_file
@@ -67,10 +66,11 @@ def load_mjcf(
     check_tree(str(path), model, base, floating)
     laws = {f: law for f, law in laws.items() if f in locked or law.leader not in locked}
     findings += check_couplings(str(path), mj, names, locked, laws)
-    moving = tuple(system_joints(model))
+    tree = JointTree.links(model)
+    moving = tuple(tree.joint_names)
     gain, limits, damping, passive, said = motors(mj, names, moving)
     findings += [Finding("warning", "base_held", f"joint {n}", *_HELD) for n in held]
-    findings += [*_ignored_forces(mj, names, locked), *make_physical(model, body_names(model))]
+    findings += [*_ignored_forces(mj, names, locked), *make_physical(model, tree.body_names)]
     dof = [mj.jnt_dofadr[names.index(joint)] for joint in moving]
     first = model.nv - len(dof)  # 6 if the base is free
     model.effortLimit[first:] = np.abs(gain) * limits

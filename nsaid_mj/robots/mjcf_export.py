@@ -14,7 +14,7 @@ from lxml.etree import Element, SubElement
 from lxml.etree import _Element as Node
 
 from ..base import InvalidInput, pin, write_text
-from ..core import Array, bodies_of, body_names
+from ..core import Array
 from .identified import Identified, SharedFriction, remarks
 from .mjcf import initial_pose
 from .mjcf_file import (
@@ -134,8 +134,8 @@ def _built(robot: RobotModel, values: Identified) -> Node:
     SubElement(root, "compiler", angle="radian", autolimits="true")
     SubElement(root, "option", gravity=numbers(model.gravity.linear), integrator="implicitfast")
     bodies = [SubElement(root, "worldbody")]
-    for i, (own, link) in enumerate(zip(bodies_of(model), body_names(model), strict=True), start=1):
-        name = "link world" if link == "world" else link
+    for i, own in enumerate(robot.system.structure.bodies, start=1):
+        name = "link world" if own.name == "world" else own.name
         body = SubElement(bodies[own.parent + 1], "body", name=name)
         body.set("pos", numbers(model.jointPlacements[i].translation))
         body.set("quat", numbers(wxyz(model.jointPlacements[i].rotation)))

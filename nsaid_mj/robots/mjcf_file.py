@@ -17,7 +17,7 @@ from lxml import etree
 from lxml.etree import SubElement
 from lxml.etree import _Element as Node
 
-from ..base import LARGEST, Finding, check_input, missing_files, pin
+from ..base import LARGEST, Finding, check_input, pin
 from ..core import Array
 from .errors import BadRobot
 from .inertias import moved, moved_inside, plausible_size
@@ -51,7 +51,7 @@ def compile_file(path: Path) -> tuple[Any, Any, list[Finding]]:
         spec = mujoco.MjSpec.from_file(str(path))
         missing = _without_missing_files(spec, path.parent)
         findings = [
-            *missing_files(path, "mesh or texture", missing, *_UNDRAWN),
+            *Finding.missing_files(path, "mesh or texture", missing, *_UNDRAWN),
             *check_inertials(spec),
             *_bounded(spec, path),
         ]

@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from ..base import Finding, InvalidInput, UnknownName, pin
-from ..core import Array, JointScales, JointTree, ParameterSpace, floats, rebuilt
+from ..core import Array, JointTree
 from .errors import BadRobot
 
 
@@ -56,7 +56,7 @@ class RobotModel:
         gain: (n_u,) nominal force per unit of command [N·m or N]; 1 where the file has none.
         limits: (n_u,) largest absolute command; inf where the file has none.
         system: the structure (a `SecondOrderSystem`): of a vehicle its sheet's, of a tree of joints
-            always the links of `model`, to which friction and motors are added; see `links_of`.
+            always the links of `model`, to which friction and motors are added (`JointTree.links`).
         prior: (p,) θ̂(0) of a vehicle, its published values; None for a tree of joints.
         findings: about the file, such as inertias moved inside the cone or meshes not found.
         visuals: data for drawing the robot, for `recording`.
@@ -98,7 +98,7 @@ class RobotModel:
 
     def __post_init__(self) -> None:
         if self.jointed:  # it follows from the model, and changes with it
-            object.__setattr__(self, "system", links_of(self.model))
+            object.__setattr__(self, "system", JointTree.links(self.model))
 
     @property
     def independent(self) -> tuple[int, ...]:
@@ -151,27 +151,6 @@ class RobotModel:
     def units(self) -> tuple[str, ...]:
         """Unit of the position along each velocity, rad or m."""
         return tuple(unit.removesuffix("/s") for unit in self.system.velocity_units)
-
-
-def links_of(
-    model: pin.Model, speed: Array | None = None, command: Array | None = None
-) -> JointTree:
-    """The links of a tree of joints, with one command for each joint, but no force on any.
-
-    speed (k,) and command (k,) are the largest in probes of the structure, 1 by default.
-    """
-    bodies = model.njoints - 1
-    joints = model.nv - (6 if floats(model) else 0)
-    per_body = np.ones(bodies)  # guesses, on which nothing depends
-    per_joint = np.ones(joints)
-    speed = per_joint if speed is None else speed
-    command = per_joint if command is None else command
-    scales = JointScales(per_body, per_body, per_joint, per_joint, per_joint, speed, command)
-    tree = JointTree(model, scales, per_joint)
-    blocks = tree.space.blocks[:bodies]
-    space = ParameterSpace(blocks)
-    structure = replace(tree.structure, columns=(), rotors=(), p=len(space))
-    return rebuilt(tree, structure, space)
 
 
 def coupled(robot: RobotModel, laws: Mapping[str, MimicLaw]) -> RobotModel:

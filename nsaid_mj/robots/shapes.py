@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from lxml.etree import _Element as Element
 
-from ..base import Finding, missing_files, pin
+from ..base import Finding, pin
 from ..core import Array
 from .tree import pose
 
@@ -217,7 +217,7 @@ def resolve_meshes(root: Element, path: Path) -> list[Finding]:
                 mesh.set("filename", str(found))
     remark = "these links are not drawn; the dynamics do not need them"
     remedy = "Set ROS_PACKAGE_PATH to the folder that contains the package, to see them."
-    return missing_files(path, "mesh", missing, remark, remedy)
+    return Finding.missing_files(path, "mesh", missing, remark, remedy)
 
 
 def _candidates(name: str, path: Path) -> Iterator[Path]:

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from ..base import LARGEST, Finding, InvalidInput, Level, pin
-from ..core import Array, bodies_of
+from ..core import Array, JointTree
 from .model import Servos
 
 
@@ -29,7 +29,7 @@ def tree_spec(model: pin.Model, dt: float) -> Any:
     set_options(spec, dt)
     spec.option.gravity = model.gravity.linear
     bodies = {0: spec.worldbody}
-    for i, own in enumerate(bodies_of(model), start=1):
+    for i, own in enumerate(JointTree.links(model).structure.bodies, start=1):
         name = model.names[i]
         placement = model.jointPlacements[i]
         body = bodies[model.parents[i]].add_body(name="joint world" if name == "world" else name)

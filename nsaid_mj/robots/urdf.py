@@ -17,7 +17,7 @@ from lxml.etree import SubElement
 from lxml.etree import _Element as Element
 
 from ..base import Finding, InvalidInput, coal, pin
-from ..core import Array, body_names, joint_names
+from ..core import Array, JointTree
 from .errors import BadRobot
 from .inertias import check_inertias, make_physical
 from .model import (
@@ -89,11 +89,12 @@ def load_urdf(
     locked |= bases | still
     model = reduced(whole, pin.GeometryModel(), locked, q)[0]
     check_tree(str(path), model, base, floating)
+    tree = JointTree.links(model)
     if base is not None:
         check_inertias(str(path), model)
     else:
-        findings += make_physical(model, body_names(model))
-    moving = tuple(joint_names(model))
+        findings += make_physical(model, tree.body_names)
+    moving = tuple(tree.joint_names)
     first = model.nv - len(moving)  # 6 if the base is free
     robot = RobotModel(
         name=model.name or path.stem,

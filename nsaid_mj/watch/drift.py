@@ -5,12 +5,14 @@ data from the same estimate:
 
     θ constant;    all of θ a random walk, as W is not exact;    the gains alone a random walk,
 
-with several variances of the walk per second. The likelihood of the innovations, with exponential
-forgetting, selects model and variance. If only the gains walk, the covariance of the plant's
-parameters is unaffected; a battery's sag becomes observable as well, since the gains fall relative
-to them. A random walk lags behind a ramp: at the most likely variance by 0.7 standard deviations,
-at the next one by 0.1. Gains that would need a fast walk, or whose innovations exceed their stated
-covariance, do not count as drifting: W is not exact, or a part fails.
+each with several variances of the walk per second. The likelihood of the innovations, with
+exponential forgetting, selects the model and its variance.
+
+If only the gains walk, the covariance of the plant's parameters is unaffected. A battery's sag is
+then observable, since all gains fall relative to the plant. The random walk lags behind a ramp: by
+0.7 standard deviations at the most likely variance, by 0.1 at the next larger one. Gains do not
+count as drifting if they need a fast walk, or if their innovations exceed the stated covariance:
+then W is not exact, or a part has failed.
 """
 
 from __future__ import annotations
@@ -36,7 +38,7 @@ _BETTER = 3.0  # at which another variance is
 
 
 class DriftHypothesis(NamedTuple):
-    """A filter with one model of θ(t); its tally holds the evidence."""
+    """A filter with one model of θ(t), and the evidence for that model."""
 
     filter: FilterState  # at the last sample
     all_of: float  # variance per second of all of θ, relative to itself [1/s]
@@ -58,9 +60,9 @@ class DriftHypothesis(NamedTuple):
         return self._replace(filter=own)
 
     def led_by(self, best: DriftHypothesis) -> DriftHypothesis:
-        """This model restarted at the best one's estimate, with slightly less evidence.
+        """This model, restarted at the estimate of the best one, with slightly less evidence.
 
-        A filter that has diverged would be useless when its model becomes correct.
+        Without the restart a diverged filter could not win once its model becomes correct.
         """
         own = best.filter.copied()
         own.tally[2] += 2 * _BEHIND
@@ -79,7 +81,8 @@ class Rivals(NamedTuple):
     def at(kalman: FilterState, prior: Array, t: float) -> Rivals:
         """Rivals that begin at time t [s] with the filter's estimate, but less certain of it.
 
-        With a share of the prior's covariance (p, p), no parameter can leave the cone.
+        Their covariance is a share of the prior's (p, p), small enough that no parameter leaves the
+        cone.
         """
         start = kalman.copied()
         start.Ptt[:] += _FREED**2 * prior

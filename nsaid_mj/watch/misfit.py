@@ -1,29 +1,27 @@
 """Whether the motion contradicts the structure, judged from measurements alone.
 
-The filter of the law `efficient` runs along the log from an estimate and its stated
-covariance, and then again from its result. The innovations of the second run show how well the
-structure explains the motion:
+The filter of the law `efficient` makes two passes along the log: the first from an estimate and its
+stated covariance, the second from the result of the first. They show how well the structure
+explains the motion:
 
-- significantly large innovations within a tenth of a second contradict it; the filter then
-  restarts. A structure that explains the motion is hardly ever contradicted, one that does not,
-  repeatedly;
-- innovations that are not white over longer times are small effects that W lacks; see `whiteness`
-  and below;
-- how far, relative to its stated covariance, the estimate has moved in the first run, as a whole
-  and from part to part, says whether the intervals hold.
+- `contradicts`: innovations of the second pass are significantly too large within 0.1 s, more than
+  once. The filter restarts each time. An exact structure is hardly ever contradicted, an inexact
+  one repeatedly.
+- `some`: that happens once, or the innovations are not white over longer times, or larger than the
+  noise by more than an error of its level. W lacks a small effect; see below.
+- Whether intervals hold: the change of the estimate during the first pass, as a whole and from part
+  to part, is compared with its covariance.
 
-Where the gains were found to drift, the log is judged from then on, and they walk here as well.
+If drifting gains were detected, only the log after the detection is judged, with process noise on
+the gains. Isolated faults divide the log: contradictions due to a fault do not count against the
+structure, all others do.
 
-Isolated faults divide the log; contradictions due to a fault do not count against the structure,
-all others do.
-
-A neglected effect increases the innovations at the frequencies of the motion, 0.03 to a few hertz:
-far too little to be detected sample by sample, but it accumulates over 1 to 100 s. Where the
-structure explains the motion, the periodogram of each normalised innovation is exponentially
-distributed about its variance at every frequency, independently (Mehra, IEEE TAC 15(2), 1970). So
-each octave has its own test, from the mean of the whole log to the upper half of the spectrum,
-whose mean, or 1 if that is larger, is the level of the others; and so has each line, for periodic
-motions.
+Test of whiteness: a neglected effect increases the innovations at the frequencies of the motion,
+0.03 to a few hertz. That is far too little to be seen sample by sample, but it accumulates over 1
+to 100 s. If the structure is exact, the periodogram of each normalised innovation is exponentially
+distributed about its variance, independently at every frequency (Mehra, IEEE TAC 15(2), 1970).
+Each octave of the spectrum therefore has its own test; so has each single frequency, for periodic
+motions. The reference level is the mean of the upper half of the spectrum, but at least 1.
 """
 
 from collections.abc import Callable
@@ -35,6 +33,7 @@ from scipy.special import gammaincc
 
 from ..core import (
     Array,
+    Cone,
     Confidence,
     EfficientState,
     Indices,
@@ -42,10 +41,7 @@ from ..core import (
     Log,
     ParameterSpace,
     State,
-    cone_of,
     drawn_inside,
-    gain_deviations,
-    inside,
 )
 from .drift import walks
 from .replay import Replay, replay
@@ -139,8 +135,9 @@ class Misfit(NamedTuple):
 def running_misfit(state: State) -> str:
     """The level during a run, from the law's state alone; "" for a law without a filter.
 
-    It is based on all innovations so far, and on contradictions that no fault explains, unless the
-    filter has since explained two thirds of the motion: a prior far off is contradicted, too.
+    It is based on all innovations so far, and on contradictions that no fault explains. Early
+    contradictions, which a wrong prior causes as well, no longer count once the filter has
+    explained two thirds of the motion.
     """
     own = state.own
     if not isinstance(own, EfficientState):
@@ -180,7 +177,7 @@ def _sound(space: ParameterSpace, theta: Array, prior: Array) -> Array:
     k = space.actuators
     theta = theta.copy()
     theta[k] = np.where(theta[k] == 0, prior[k], np.copysign(theta[k], prior[k]))
-    if inside(cone_of(space), theta):
+    if Cone.of(space).contains(theta):
         return theta
     return drawn_inside(space, theta, 0.0, np.random.default_rng(0))
 
@@ -267,13 +264,16 @@ def _widening(
 ) -> float:
     """Factor on the standard deviations of a misfit.
 
-    Parameters absorb the part of unmodelled effects that lies in the span of W; the energy of the
-    rest indicates their size. Moreover, the shifts of the estimate must agree with its covariance,
-    over the whole log and from part to part, where an intermittent effect moves it back and forth
-    (a sandwich estimator with the parts as blocks), and so must the shift of each single gain,
-    which the first pass may have found while θ̂ was still far off. A weakly coupled gain may be sure
-    by then of what it learned from a wrong linearisation; it shifts where the log is learned anew,
-    from θ̂ with the covariance of a prior.
+    It is the largest of three:
+
+    - from the energy of the innovations: the part of an unmodelled effect that lies in the span of
+      W is absorbed by the parameters, and the rest indicates its size;
+    - from the shifts of the estimate over their covariance, over the whole log and from part to
+      part, since an intermittent effect moves the estimate back and forth (a sandwich estimator
+      with the parts as blocks);
+    - from the shift of each single gain when the log is learned anew, from θ̂ with the covariance of
+      a prior. In the first pass a weakly coupled gain may have become sure of a wrong value while
+      the filter was still linearised far from the truth.
     """
     shifts = _shifts(space.scale, theta, P, learning)
     for own, most in ((learning, _FAR), (anew, _FRESH)):
@@ -290,7 +290,7 @@ def shift_of_gains(space: ParameterSpace, theta: Array, P: Array, after: Array) 
     P (p, p) is the covariance of θ/scale.
     """
     stated = Confidence(P * np.outer(space.scale, space.scale), P, np.zeros(0))
-    deviation = np.maximum(gain_deviations(stated, theta, space), _ROUNDING)
+    deviation = np.maximum(Confidence.of_gains(stated, theta, space), _ROUNDING)
     ratio = after[space.actuators] / theta[space.actuators]
     return float(np.max(np.abs(ratio / ratio.mean() - 1) / deviation, initial=0.0))
 
@@ -319,8 +319,8 @@ def _shifts(scale: Array, theta: Array, P: Array, learning: Replay) -> list[floa
 def widened(stated: Confidence, factor: float) -> Confidence:
     """A confidence with standard deviations times a factor; what is added is at most the prior's.
 
-    Never narrower: the scale of a limb, known no better than beforehand, is vaguer than the prior's
-    many independent errors make it seem along θ̂.
+    Intervals never become narrower. A limit on the sum, instead of on what is added, would narrow
+    that of a limb's scale: along θ̂ the prior's many independent errors make it seem too well known.
     """
     if factor == 1.0:
         return stated

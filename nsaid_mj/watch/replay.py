@@ -1,9 +1,9 @@
 """Passes of the filter alone along a log, and learning again from a motion's beginning.
 
-Steps of θ̂ from far away are linearised at the wrong θ̂, and count as information what is not: along
-a gentle start, or while one joint moves at a time, a filter becomes sure of a wrong θ̂ before the
-motion contradicts it. Restarted at the end of one pass along the same log, with the covariance of a
-prior, it is linearised closer to the truth in each pass.
+Far from the truth the filter is linearised about a wrong θ̂, and becomes overconfident: during a
+gentle start, or while one joint moves at a time, it is sure of a wrong θ̂ before the motion
+contradicts it. Each further pass along the same log starts from the last estimate with the
+covariance of a prior, and is linearised closer to the truth.
 """
 
 from collections.abc import Callable
@@ -79,10 +79,10 @@ def learned(estimator: KalmanFilter, theta: Array, log: Log) -> FilterState | No
 
 
 def with_scales_of(theta: Array, other: Array, parts: Array, scale: Array) -> Array:
-    """(p,) another θ̂, in which every part has the scale it has in θ (p,), as none is observable.
+    """(p,) another θ̂ in which every part has its scale in θ (p,), because none is observable.
 
-    Otherwise the passes, each about the last one's end, would carry it away. parts (s, p) are those
-    of `nullspace.parts_of`, scale (p,) that of θ.
+    Otherwise the scale would drift from pass to pass, as each starts from the last one's end. parts
+    (s, p) are those of `nullspace.parts_of`, scale (p,) that of θ.
     """
     own = parts * other / scale
     given = parts * theta / scale

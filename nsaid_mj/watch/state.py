@@ -33,7 +33,7 @@ class Kept(NamedTuple):
     # variance that every gain, relative to itself, gains per second, as the gains drift; 0 if they
     # are constant [1/s]
     drift: float = 0.0
-    since: float = 0.0  # when the gains were found to drift [s]
+    since: float = 0.0  # when drifting gains were detected [s]
     unnamed: int = 0  # consecutive trials in which no hypothesis explained the motion
     learned: float = 0.0  # when the filter last learned again from the motion's beginning [s]
     seen: Seen = Seen()
@@ -46,8 +46,8 @@ class Kept(NamedTuple):
     def walk(self, seconds: float) -> float:
         """Variance that θ, relative to itself, gains per second where W is not exact [1/s].
 
-        It is the variance that explains the motion so far, from the whole run of some seconds,
-        without the largest error, which may be due to a single event such as a collision.
+        It is the variance that explains the errors of the last seconds, without the largest one,
+        which may be due to a single event such as a collision.
         """
         total, largest = self.wander
         return (total - largest) / max(seconds, 1.0)

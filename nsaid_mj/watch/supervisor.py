@@ -1,14 +1,15 @@
 """The supervisor of the law `efficient`: it learns again, isolates faults, and follows drifts.
 
-Where the filter is contradicted early in a motion, it learns again from the first sample, see
-`replay`. Else a part may have failed, or the structure is not exact, see `faults.isolation`. If the
-structure is not exact, θ becomes a random walk, or the gains alone, if that explains the motion
-better, see `drift`; then the law returns the filter's θ̂, as the memory averages over the drift.
+If the filter is contradicted early in a motion, it learns again from the first sample; see
+`replay`. Later contradictions mean that a part has failed or that the structure is not exact; see
+`faults.isolation`. If the structure is not exact, θ is given process noise, or only the gains if
+that explains the motion better; see `drift`. The law then returns the filter's θ̂, because the
+memory averages over the drift.
 """
 
 from __future__ import annotations
 
-from ..core import ChosenBy, EfficientIdentifier, EfficientState, Log, extended
+from ..core import ChosenBy, EfficientIdentifier, EfficientState, Log
 from .drift import LONGEST, Rivals, walks
 from .faults.isolation import Isolation
 from .faults.trial import LEAD
@@ -91,7 +92,7 @@ class FilterSupervisor:
         if before * self._interval / self._every > _BEGINNING or state.supervision.events:
             beginning = ()
         elif beginning or not before:
-            beginning = extended(beginning, log.first(len(log.t) - 1))
+            beginning = Log.extended(beginning, log.first(len(log.t) - 1))
         return in_motion(state, recent=self._recent(state, log), beginning=beginning)
 
     def _learned_again(self, state: EfficientState, log: Log) -> tuple[EfficientState, bool]:

@@ -23,7 +23,7 @@ from nsaid_mj.lab.folders import folder_for, title_of
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.options import MAIN, parse_flags, repeated_flags
 from nsaid_mj.lab.scenario import field_paths
-from nsaid_mj.report.exit_codes import code_of as verdict_code
+from nsaid_mj.report import ExitCode
 from nsaid_mj.robots.assets import known_robots, scenarios
 from tests.support.faulty import FILES, code_of, flat, shell, strict
 
@@ -476,7 +476,7 @@ ALONE = ("--duration", "0.2", "--held-out", "0.5", "--out", "out", "--pe-window"
 def check_alone(folder: Path, code: int, out: str, err: str) -> None:
     """What a script with the flags above says and leaves in an empty folder."""
     summary = strict(out)
-    assert (code, err) == (verdict_code(result_from(summary)), "")
+    assert (code, err) == (ExitCode.of(result_from(summary)), "")
     assert summary["status"] == "completed" and summary["sim_s"] == pytest.approx(0.2, abs=0.01)
     assert sorted(file.name for file in (folder / "out").iterdir()) == sorted(FILES)
     assert [file.name for file in folder.iterdir()] == ["out"]

@@ -19,7 +19,7 @@ from nsaid_mj.lab.evaluation.statistics import Accuracy, RunEnding
 from nsaid_mj.lab.evaluation.verify import StatementVerdict, verification_of
 from nsaid_mj.plans.studies.compare_report import PRIOR, result_of, row_of, runs_of
 from nsaid_mj.plans.studies.runs import Runs
-from nsaid_mj.report.exit_codes import EXPLAINED, NOT_EXPLAINED, UNUSABLE, code_of
+from nsaid_mj.report import ExitCode
 from nsaid_mj.report.page import Page
 from nsaid_mj.report.result import Result
 from nsaid_mj.watch import Misfit
@@ -48,8 +48,8 @@ def run_of(patch: Patch, result: RunResult, status: Status = Status.completed) -
 
 @pytest.mark.parametrize(("explains", "code"), [("yes", 0), ("partly", 0), ("no", 1), (None, 0)])
 def test_a_verdict_that_is_poor_is_not_explained(explains: Any, code: int) -> None:
-    assert code_of(Result(explains=explains)) == code
-    assert code_of(Result(explains=explains, complete=False)) == NOT_EXPLAINED
+    assert ExitCode.of(Result(explains=explains)) == code
+    assert ExitCode.of(Result(explains=explains, complete=False)) == ExitCode.NOT_EXPLAINED
 
 
 def distances(first: float, last: float) -> Accuracy:
@@ -59,18 +59,18 @@ def distances(first: float, last: float) -> Accuracy:
 @pytest.mark.parametrize(
     ("verdict", "changes", "code"),
     [
-        ("converged", {"accuracy": distances(0.9, 0.001)}, EXPLAINED),
-        ("still converging", {"accuracy": distances(0.9, 0.08)}, EXPLAINED),
-        ("not converging", {"accuracy": distances(0.1, 0.9)}, NOT_EXPLAINED),
+        ("converged", {"accuracy": distances(0.9, 0.001)}, ExitCode.EXPLAINED),
+        ("still converging", {"accuracy": distances(0.9, 0.08)}, ExitCode.EXPLAINED),
+        ("not converging", {"accuracy": distances(0.1, 0.9)}, ExitCode.NOT_EXPLAINED),
         (
             "the motion contradicts this structure",
             {"misfit": Misfit("contradicts", (1.0,), 2.0, 3.0, 0.0)},
-            NOT_EXPLAINED,
+            ExitCode.NOT_EXPLAINED,
         ),
         (
             "ended early",
             {"ending": RunEnding(status="plant diverged", status_time=1.0)},
-            NOT_EXPLAINED,
+            ExitCode.NOT_EXPLAINED,
         ),
     ],
 )
@@ -86,10 +86,10 @@ def test_run(verdict: str, changes: dict[str, Any], code: int, monkeypatch: Patc
 @pytest.mark.parametrize(
     ("words", "code"),
     [
-        (("holds", "not applicable"), EXPLAINED),
-        (("holds", "not yet"), EXPLAINED),
-        (("not applicable",), EXPLAINED),
-        (("holds", "fails"), NOT_EXPLAINED),
+        (("holds", "not applicable"), ExitCode.EXPLAINED),
+        (("holds", "not yet"), ExitCode.EXPLAINED),
+        (("not applicable",), ExitCode.EXPLAINED),
+        (("holds", "fails"), ExitCode.NOT_EXPLAINED),
     ],
 )
 def test_verify(words: tuple[Any, ...], code: int, monkeypatch: Patch) -> None:
@@ -108,7 +108,8 @@ def test_verify(words: tuple[Any, ...], code: int, monkeypatch: Patch) -> None:
 
 
 @pytest.mark.parametrize(
-    ("failures", "code"), [(("", ""), EXPLAINED), (("", "lost"), EXPLAINED), (("lost", "lost"), 1)]
+    ("failures", "code"),
+    [(("", ""), ExitCode.EXPLAINED), (("", "lost"), ExitCode.EXPLAINED), (("lost", "lost"), 1)],
 )
 def test_compare(failures: tuple[str, str], code: int, monkeypatch: Patch) -> None:
     cells = [row_of(PRIOR, 0, 0.0, 1.0, 0.3, 0.1, None, 0.0)]
@@ -145,11 +146,11 @@ def rows(*converged: float | None, failure: str | None = None) -> list[dict[str,
 @pytest.mark.parametrize(
     ("found", "code"),
     [
-        (rows(1.0, 2.0), EXPLAINED),
-        (rows(1.0, None), EXPLAINED),
-        (rows(None, None, 1.0), EXPLAINED),
-        (rows(1.0, 2.0, failure="exit code 3"), NOT_EXPLAINED),
-        (rows(failure="exit code 3"), NOT_EXPLAINED),
+        (rows(1.0, 2.0), ExitCode.EXPLAINED),
+        (rows(1.0, None), ExitCode.EXPLAINED),
+        (rows(None, None, 1.0), ExitCode.EXPLAINED),
+        (rows(1.0, 2.0, failure="exit code 3"), ExitCode.NOT_EXPLAINED),
+        (rows(failure="exit code 3"), ExitCode.NOT_EXPLAINED),
     ],
 )
 def test_sweep(found: list[dict[str, Any]], code: int, monkeypatch: Patch) -> None:
@@ -160,7 +161,9 @@ def test_sweep(found: list[dict[str, Any]], code: int, monkeypatch: Patch) -> No
     assert (code_, said.err) == (code, "")
 
 
-@pytest.mark.parametrize(("gone", "code"), [([], EXPLAINED), ([{"run": 1}], NOT_EXPLAINED)])
+@pytest.mark.parametrize(
+    ("gone", "code"), [([], ExitCode.EXPLAINED), ([{"run": 1}], ExitCode.NOT_EXPLAINED)]
+)
 def test_montecarlo(gone: list[Any], code: int, monkeypatch: Patch) -> None:
     put(monkeypatch, "plans.studies.montecarlo_results.run_montecarlo", None)
     put(
@@ -170,7 +173,7 @@ def test_montecarlo(gone: list[Any], code: int, monkeypatch: Patch) -> None:
 
 
 @pytest.mark.parametrize(
-    ("status", "code"), [("completed", EXPLAINED), ("diverged", NOT_EXPLAINED)]
+    ("status", "code"), [("completed", ExitCode.EXPLAINED), ("diverged", ExitCode.NOT_EXPLAINED)]
 )
 def test_track(status: str, code: int, monkeypatch: Patch) -> None:
     result = Result(explains="partly", complete=status == "completed")
@@ -188,7 +191,7 @@ def test_excite(explains: Any, code: int, monkeypatch: Patch) -> None:
         "plans.excite.files.design_document",
         "plans.excite.prediction.tried",
         "plans.excite.recording.record_design",
-        "report.write_html",
+        "report.page.Page.write_html",
     ):
         put(monkeypatch, name, SimpleNamespace(limits=None))
     put(monkeypatch, "plans.excite.files.write_design", [])
@@ -217,10 +220,10 @@ def refused(level: Any, code: str) -> tuple[Finding, ...]:
 @pytest.mark.parametrize(
     ("findings", "code"),
     [
-        (refused("refusal", "dead_channel"), UNUSABLE),
-        (refused("warning", "unmatched"), UNUSABLE),
-        (refused("warning", "low_rate"), EXPLAINED),
-        (refused("note", "targets"), EXPLAINED),
+        (refused("refusal", "dead_channel"), ExitCode.UNUSABLE),
+        (refused("warning", "unmatched"), ExitCode.UNUSABLE),
+        (refused("warning", "low_rate"), ExitCode.EXPLAINED),
+        (refused("note", "targets"), ExitCode.EXPLAINED),
     ],
 )
 def test_inspect_ends_as_identify_does(
@@ -246,7 +249,7 @@ def test_inspect_ends_as_identify_does(
 
 @pytest.mark.parametrize("words", ["list", "--version", "--help"])
 def test_what_judges_nothing_ends_well(words: str) -> None:
-    assert shell(words)[0] == EXPLAINED
+    assert shell(words)[0] == ExitCode.EXPLAINED
 
 
 def test_an_error_of_ours_is_unusable_input(monkeypatch: Patch) -> None:
@@ -254,7 +257,7 @@ def test_an_error_of_ours_is_unusable_input(monkeypatch: Patch) -> None:
         raise NsaidError("this cannot be used")
 
     monkeypatch.setattr(commands, "_run", fail)
-    assert shell("run", "scalar_rov")[0] == UNUSABLE
+    assert shell("run", "scalar_rov")[0] == ExitCode.UNUSABLE
 
 
 def test_the_documentation_has_the_table() -> None:

@@ -44,7 +44,7 @@ def test_a_vehicle_runs_without_any_extra_and_says_why_nothing_is_recorded(tmp_p
     "command",
     [
         "excite double_pendulum --duration 2 --effort 0.004",
-        "track track_bluerov2 --duration 1 --seeds 1",
+        "track track_bluerov2 --duration 1 --seeds 1 --laws conventional,composite",
     ],
 )
 def test_studies_without_rerun_leave_out_their_recording(tmp_path: Path, command: str) -> None:

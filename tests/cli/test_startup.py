@@ -1,5 +1,6 @@
 """Packages that a run must not import at its start."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -121,23 +122,59 @@ WRONG = [
 ]
 
 
+FILES = {"log.csv": "t,q\n0,0\n", "empty.csv": "", "no.toml": "a = [\n"}
+FILES |= {"odd.toml": "[nonsense]\nx = 1\n"}
+
+ONE_AFTER_ANOTHER = """
+import contextlib, io, json, os, sys
+from nsaid_mj.base.errors import NsaidError
+from nsaid_mj.cli.commands import command
+commands, heavy = json.loads(sys.argv[1])
+found = []
+for words in commands:
+    unseen = io.StringIO()
+    with contextlib.redirect_stdout(unseen), contextlib.redirect_stderr(unseen):
+        try:
+            code = command(words.split())
+        except NsaidError:
+            code = 2
+        except SystemExit as end:
+            code = end.code
+    found.append([code, sorted(set(heavy) & set(sys.modules)), sorted(os.listdir())])
+print(json.dumps(found))
+"""
+"""Executes commands in one process; prints codes, heavy modules that are imported, and files."""
+
+
+@pytest.fixture(scope="module")
+def answers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, list[str], list]]:
+    """Exit code, heavy modules and files after each wrong command, in a process for all."""
+    folder = tmp_path_factory.mktemp("wrong")
+    for name, text in FILES.items():
+        (folder / name).write_text(text)
+    given = json.dumps([WRONG, sorted(HEAVY)])
+    done = subprocess.run(
+        [sys.executable, "-c", ONE_AFTER_ANOTHER, given],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=240,
+    )
+    return dict(zip(WRONG, json.loads(done.stdout), strict=True))
+
+
 @pytest.mark.parametrize("command", WRONG)
 def test_a_wrong_argument_is_answered_before_anything_heavy_is_imported(
-    command: str, tmp_path: Path
+    command: str, answers: dict[str, tuple[int, list[str], list]]
 ) -> None:
-    (tmp_path / "log.csv").write_text("t,q\n0,0\n")
-    (tmp_path / "empty.csv").write_text("")
-    (tmp_path / "no.toml").write_text("a = [\n")
-    (tmp_path / "odd.toml").write_text("[nonsense]\nx = 1\n")
+    assert answers[command] == [2, [], sorted(FILES)]
+
+
+@pytest.mark.parametrize("command", ["run nosuch", "identify tx40 --log nosuch.csv"])
+def test_a_process_of_its_own_answers_so_too(command: str, tmp_path: Path) -> None:
     code, modules = entered(command.split(), tmp_path)
-    assert code == 2
-    assert not modules & HEAVY
-    assert {path.name for path in tmp_path.iterdir()} == {
-        "log.csv",
-        "empty.csv",
-        "no.toml",
-        "odd.toml",
-    }
+    assert code == 2 and not modules & HEAVY and not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("command", ["--help", "run --help", "identify --help", "list"])

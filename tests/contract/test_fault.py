@@ -30,7 +30,7 @@ from nsaid_mj.lab.plants.world.faults.kinds import Fault, Loss, gains_of
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.plants.world.plant import Plant
 from nsaid_mj.lab.scenario import Scenario
-from nsaid_mj.report.exit_codes import code_of
+from nsaid_mj.report import ExitCode
 from tests.support.plants import name_of, path, random_commands, start_of
 from tests.support.summaries import summarize
 from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
@@ -312,7 +312,7 @@ def test_a_fault_from_the_command_line(tmp_path: Path, capsys):
     fault = ["--faults", "loss 0.4 of 3 at 1 s"]
     code = command(["run", "bluerov2", *fault, *words.split(), str(tmp_path / "out")])
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
-    assert code == code_of(result_from(summary))
+    assert code == ExitCode.of(result_from(summary))
     assert "fault in the plant: thrust_3 loses 40 % at 1 s" in capsys.readouterr().out
     with pytest.raises(InvalidInput, match=r"faults\.actuator"):
         command(["run", "bluerov2", "--faults", "loss 0.4 of 9", "--out", f"{tmp_path}/no"])

@@ -32,7 +32,7 @@ from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.plants.world.noise import SensorNoise
 from nsaid_mj.lab.plants.world.plant import Plant
 from nsaid_mj.lab.scenario import Scenario
-from nsaid_mj.report.exit_codes import code_of
+from nsaid_mj.report import ExitCode
 from tests.support.fossen import apart, commands, ends, flown, true_numbers, vehicle
 from tests.support.plants import name_of, path, random_commands, start_of
 from tests.support.summaries import summarize
@@ -393,7 +393,7 @@ def test_a_run_from_the_command_line(tmp_path, capsys):
     words = "--plant.mismatch.lag 0.1 --duration 2 --held-out 1 --pe-window 1 --json --out"
     code = command(["run", "bluerov2", *words.split(), str(tmp_path / "out")])
     summary = json.loads(capsys.readouterr().out)
-    assert code == code_of(result_from(summary))
+    assert code == ExitCode.of(result_from(summary))
     assert summary["status"] == "completed" and summary["mismatch"] == ["actuators lag by 0.1 s"]
     stored = Scenario.from_json((tmp_path / "out/scenario.json").read_text(encoding="utf-8"))
     assert stored.plant.mismatch == Mismatch(lag=0.1)

@@ -91,6 +91,7 @@ def cause(kind: str, seed: int, folder: Path) -> Tried:
     run = partial(_judged, model, drawn)
     if not refusals(found.before.findings):
         tried.believe(run(logs, drawn.map))
+        tried.confident &= not (drawn.codes and tried.named)  # the result is doubted by its cause
     elif found.kept:
         if same(found.after.recordings, given.recordings):
             tried.right = True
@@ -104,6 +105,8 @@ def cause(kind: str, seed: int, folder: Path) -> Tried:
 def judge_cause(tried: Tried, found: Fix, codes: Sequence[str], where: Sequence[str]) -> None:
     """Whether a log's findings name the true cause first, and alone."""
     raised = refusals(found.before.findings)
+    if not raised and codes:  # what the log cannot tell may be said so
+        raised = [finding for finding in found.before.findings if finding.code in codes]
     tried.said = str(raised[0]) if raised else "no refusal"
     tried.named = not raised
     if codes:

@@ -169,7 +169,7 @@ def _clock(rng: Any, tables: list[Table], own: dict) -> Change:
     k = float(rng.choice(_CLOCKS))
     for table in tables:
         table["time"] = table["time"] / k
-    return Change(("clock",), (), f"time divided by {k:g}")
+    return Change(("clock", "clock_unchecked"), (), f"time divided by {k:g}")
 
 
 def _clock_of_file(rng: Any, tables: list[Table], own: dict) -> Change:
@@ -443,6 +443,19 @@ def _vehicle_reversed(rng: Any, tables: list[Table], own: dict) -> Change:
     return Change(("reversed_sign",), (), "all commands negated")
 
 
+def _one_reversed(rng: Any, tables: list[Table], own: dict) -> Change:
+    name = f"u{1 + int(rng.integers(len(own['names'])))}"
+    tables[0][name] = -tables[0][name]
+    return Change(("reversed_sign",), (), f"{name} negated")
+
+
+def _two_swapped(rng: Any, tables: list[Table], own: dict) -> Change:
+    one, other = rng.choice(np.arange(1, len(own["names"]) + 1), 2, replace=False).tolist()
+    table = tables[0]
+    table[f"u{one}"], table[f"u{other}"] = table[f"u{other}"], table[f"u{one}"]
+    return Change(("order",), (), f"u{one} and u{other} swapped")
+
+
 VEHICLE_KINDS: dict[str, Callable[[Any, list[Table], dict], Change]] = {
     "vehicle, healthy": _healthy,
     "vehicle's clock": _vehicle_clock,
@@ -456,6 +469,8 @@ VEHICLE_KINDS: dict[str, Callable[[Any, list[Table], dict], Change]] = {
     "pose in NED": _ned_pose,
     "all in NED": _ned,
     "vehicle's reversed commands": _vehicle_reversed,
+    "one command reversed": _one_reversed,
+    "two commands swapped": _two_swapped,
     "Euler angles, healthy": _healthy,
     "Euler angles in radians": _euler_radians,
     "Euler angles, rates in deg/s": _euler_rates_in_degrees,

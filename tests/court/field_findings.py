@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.ndimage import uniform_filter1d
 
-from nsaid_mj.core.structure.joints import positions
+from nsaid_mj.core import JointTree
 from nsaid_mj.robots.model import RobotModel
 from tests.support.robot_logs import write_csv
 
@@ -82,7 +82,9 @@ class Twin:
         force = np.sqrt(np.mean(_torques(true, q, v, a) ** 2, axis=0))
         force = np.maximum(force, 0.05 * force.max())
         data = true.createData()
-        inertia = [np.diag(pin.crba(true, data, x)) for x in positions(true, q[::20])]
+        inertia = [
+            np.diag(pin.crba(true, data, x)) for x in JointTree.links(true).position(q[::20])
+        ]
         viscous, coulomb, _ = friction * force
         gain = rng.uniform(0.5, 2.0, n) * force / 5.0
         rotor = np.mean(inertia, axis=0) * rng.uniform(0.2, 1.0, n)
@@ -166,7 +168,7 @@ class Twin:
 def _torques(model: pin.Model, q: Array, v: Array, a: Array) -> Array:
     """(N, n) torques of inertia and weight."""
     data = model.createData()
-    rows = zip(positions(model, q), v, a, strict=True)
+    rows = zip(JointTree.links(model).position(q), v, a, strict=True)
     return np.array([pin.rnea(model, data, *row) for row in rows])
 
 

@@ -17,7 +17,7 @@ import pinocchio as pin
 from nsaid_mj.clinic.identify.identify import identify_forces
 from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.clinic.identify.result import Identification
-from nsaid_mj.core.structure.joints import positions
+from nsaid_mj.core import JointTree
 from nsaid_mj.robots.assets import asset, packed_robots
 from tests.court.robots import with_wrong_masses
 from tests.support.robot_logs import write_csv
@@ -100,7 +100,7 @@ def draw(seed: int, frequency: float = RATE) -> Draw:
 
     def inertial(t: np.ndarray) -> np.ndarray:
         q, v, a = motion(t)
-        rows = zip(positions(model, q), v, a, strict=True)
+        rows = zip(JointTree.links(model).position(q), v, a, strict=True)
         return np.array([pin.rnea(model, data, *row) for row in rows])
 
     t = np.arange(round(duration * frequency)) / frequency

@@ -11,7 +11,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from nsaid_mj.core.laws.base import gain_deviations
+from nsaid_mj.core.laws.base import Confidence
 from nsaid_mj.lab.evaluation.run_misfit import filter_of
 from nsaid_mj.watch import judged_estimate, widened
 from tests.court.cases import LAWS, Case, drawn
@@ -83,7 +83,7 @@ def test_a_weakly_coupled_gain_is_not_stated_more_surely_than_it_is_known():
     ratio = state.theta_hat[space.actuators] / setup.plant.truth[space.actuators]
     error = np.abs(ratio / ratio.mean() - 1)
     own, wider = (
-        np.max(error / gain_deviations(one, state.theta_hat, space))
+        np.max(error / Confidence.of_gains(one, state.theta_hat, space))
         for one in (stated, widened(stated, judged.widening))
     )
     assert own > 6 and wider < 0.5 * own

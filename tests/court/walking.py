@@ -19,7 +19,7 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
-from nsaid_mj.core import ContactPoint, contact_jacobians, rebuilt
+from nsaid_mj.core import ContactPoint
 from nsaid_mj.lab.control.gait import Gait
 from nsaid_mj.lab.control.walking import Walk
 from nsaid_mj.robots import load_robot, load_tree, tree_spec
@@ -153,8 +153,8 @@ class Walked:
     """A log and its truth.
 
     Attributes:
-        log: path of the CSV file: time, q_, dq_, u_ of every joint, imu_qw … imu_qz, gyro_x …,
-            acc_x ….
+        log: path of the CSV file: time, q_, dq_, u_ (of position servos target_) of every joint,
+            imu_qw … imu_qz, gyro_x …, acc_x ….
         model: path of the nominal MJCF, with feet, floor, IMU, nominal armature and friction.
         urdf: path of the nominal URDF.
         truth: by name, of the joints in the file's order: gains (relative to the file's), armature,
@@ -210,7 +210,7 @@ def walked(what: WalkingLog, folder: Path) -> Walked:
     truth = _drawn(robot, legged, what, size, rng)
     spec = _scene(robot, legged, what, size, truth)
     rows, forces, base = _simulated(robot, legged, what, size, spec, truth)
-    names = _header(robot)
+    names = _header(robot, what)
     log = folder / "walk.csv"
     np.savetxt(log, rows, delimiter=",", header=",".join(names), comments="", fmt="%.9g")
     plain = {key: np.asarray(value).tolist() for key, value in truth.items()}
@@ -293,7 +293,7 @@ def _size(robot: Any, legged: Legged) -> Size:
         q[[k + 1 for k in what]] *= -1
     feet = contact_points(robot, legged)
     at = robot.system.position(np.r_[np.zeros(6), q])[None]
-    places = contact_jacobians(robot.system.structure, feet, at)[1][0]
+    places = robot.system.contact_jacobians(feet, at)[1][0]
     height = -float(places[:, 2].min())
     mass = sum(inertia.mass for inertia in robot.model.inertias)
     weight = 9.81 * mass * height
@@ -423,7 +423,7 @@ def _simulated(
     ticks = np.arange(count * every + 1) * _CONTROL
     walk = Walk(stance=tuple(size.q), **legged.walk)
     structure = replace(robot.system.structure, contacts=tuple(size.feet))
-    system = rebuilt(robot.system, structure, robot.system.space)
+    system = robot.system.rebuilt(structure, robot.system.space)
     targets = Gait(walk, system, what.seed)(ticks)
     data.qpos[at] = size.q
     data.qpos[:3] = [0.0, 0.0, size.height * (2 if what.on_stand else 1)]
@@ -544,8 +544,9 @@ def _measured(
     return found
 
 
-def _header(robot: Any) -> list[str]:
-    joints = [f"{kind}_{name}" for kind in ("q", "dq", "u") for name in robot.joints]
+def _header(robot: Any, what: WalkingLog) -> list[str]:
+    command = "target" if what.command == "position" else "u"
+    joints = [f"{kind}_{name}" for kind in ("q", "dq", command) for name in robot.joints]
     imu = [f"imu_q{x}" for x in "wxyz"] + [f"gyro_{x}" for x in "xyz"] + [f"acc_{x}" for x in "xyz"]
     return ["time", *joints, *imu]
 

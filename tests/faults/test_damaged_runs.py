@@ -18,7 +18,6 @@ from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.evaluation.page import brief
 from nsaid_mj.lab.evaluation.summary import result_from, summary_of
 from nsaid_mj.lab.evaluation.verify import verify_folder
-from nsaid_mj.report.page import markdown
 from tests.support.faulty import ROV
 
 READERS: dict[str, Callable[[Path], object]] = {
@@ -138,7 +137,7 @@ def test_no_changed_value_of_a_summary_ends_in_a_traceback(made: Path):
         taken += 1
         assert result.verdict
         json.dumps(summary_of(result), allow_nan=False)
-        markdown(brief("robot", result))
+        brief("robot", result).markdown()
     assert refused > 500 and taken > 50
 
 

@@ -22,7 +22,7 @@ from nsaid_mj.lab.evaluation.summary import result_from, summary_of
 from nsaid_mj.lab.loop import Observer, run
 from nsaid_mj.lab.plants.world.noise import SensorNoise
 from nsaid_mj.lab.record import BATCH_SECONDS, Record
-from nsaid_mj.report.exit_codes import code_of
+from nsaid_mj.report import ExitCode
 from tests.support.faulty import FILES, PENDULUM, ROV, Heard, heard, script, strict
 from tests.support.recordings import entities_of
 
@@ -404,5 +404,5 @@ def test_an_unusual_but_valid_scenario_completes_with_all_its_files(
     code, said = script(scenario, "--out", tmp_path / "out", "--json")
     summary = strict(said.out)
     assert summary["status"] == "completed"
-    assert code == code_of(result_from(summary)) and said.err == ""
+    assert code == ExitCode.of(result_from(summary)) and said.err == ""
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(FILES)

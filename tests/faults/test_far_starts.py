@@ -9,7 +9,7 @@ from nsaid_mj import NullspaceAID
 from nsaid_mj.core.laws.base import Status
 from nsaid_mj.core.laws.cone.law import ACCURACY
 from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier
-from nsaid_mj.core.quotient.cone import cone_of, inside
+from nsaid_mj.core.quotient.cone import Cone
 from nsaid_mj.lab.following import Following
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.setup import Setup
@@ -50,7 +50,7 @@ def test_no_start_is_lost_with_exact_sensors(law, error, seed):
     state = following.state
     assert following.ended is None and state.status is Status.completed
     assert following.drift < 1e-5
-    assert inside(cone_of(setup.system.space), state.theta_hat) and state.pivot > 0
+    assert Cone.of(setup.system.space).contains(state.theta_hat) and state.pivot > 0
 
 
 @pytest.mark.slow

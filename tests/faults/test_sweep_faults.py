@@ -23,7 +23,7 @@ from nsaid_mj.plans.studies.folder import MANIFEST, ROWS, TABLE, read
 from nsaid_mj.plans.studies.runs import Runs
 from nsaid_mj.plans.studies.study import Row
 from nsaid_mj.plans.studies.sweep import run_sweep, sweep_plan
-from nsaid_mj.report.exit_codes import NOT_EXPLAINED
+from nsaid_mj.report import ExitCode
 from nsaid_mj.report.page import render_html
 from tests.support.faulty import ROV, shell
 
@@ -225,6 +225,6 @@ def test_a_comparison_in_which_every_method_failed_exits_with_1(tmp_path: Path) 
     flags = ("--identifier.gain", "1e8", "--held-out", "0.5", "--quiet")
     begin = time.process_time()
     code, _ = shell(*words, *flags, "--out", tmp_path / "out")
-    assert code == NOT_EXPLAINED and time.process_time() - begin < 60
+    assert code == ExitCode.NOT_EXPLAINED and time.process_time() - begin < 60
     code, _ = shell(*words, "--held-out", "0.5", "--quiet", "--out", tmp_path / "other")
     assert code == 0

@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 from nsaid_mj import theta_bar
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.setup import Setup
-from nsaid_mj.report.exit_codes import EXPLAINED, NOT_EXPLAINED, UNUSABLE
+from nsaid_mj.report import ExitCode
 from tests.clinic.identify.ground.walking import GAINS, walked
 from tests.support.faulty import CHECKOUT, Heard, shell, strict
 
@@ -47,7 +47,7 @@ def give(page: str, words: str) -> tuple[int, Heard]:
 
 def test_a_reader_of_the_paper_checks_its_theorems_on_a_run(folder: Path):
     code, said = give("docs/usage.md", "nsaid verify scalar_rov --out runs/verified")
-    assert code == EXPLAINED
+    assert code == ExitCode.EXPLAINED
     for statement in ("Theorem 1 (70)", "Lemma 1 (74)", "Theorem 2", "(30) in (45)"):
         assert statement in said.out
     found = strict((folder / "runs/verified/verify.json").read_text(encoding="utf-8"))
@@ -60,7 +60,7 @@ def test_a_reader_of_the_paper_checks_its_theorems_on_a_run(folder: Path):
 def test_an_rov_engineer_finds_a_thruster_that_loses_thrust(folder: Path):
     command = 'nsaid run bluerov2 --law efficient --faults "loss 0.4 of 3 at 20 s"'
     code, said = give("README.md", command)
-    assert code == EXPLAINED
+    assert code == ExitCode.EXPLAINED
     assert re.search(r"fault found at 20\.\d s: thrust of thruster 3 lost 40 %", said.out)
     summary = strict((folder / "runs/bluerov2-efficient/summary.json").read_text("utf-8"))
     assert summary["actuator_ratio_error"] < 1e-6
@@ -77,9 +77,9 @@ def test_the_fault_that_the_docs_show_is_what_a_run_prints(folder: Path):
 def test_a_reviewer_finds_an_unmodelled_lag_contradicted(folder: Path):
     command = "run bluerov2 --law efficient --sensors noisy --duration 20"
     code, said = give("docs/results.md", f"nsaid {command} --plant.mismatch.lag 0.05")
-    assert code == NOT_EXPLAINED
+    assert code == ExitCode.NOT_EXPLAINED
     assert "✘ bluerov2: the motion contradicts this structure" in said.out
-    assert shell(*command.split(), "--quiet")[0] == EXPLAINED  # without the lag
+    assert shell(*command.split(), "--quiet")[0] == ExitCode.EXPLAINED  # without the lag
 
 
 def following(said: Heard) -> list[str]:
@@ -119,12 +119,12 @@ def test_an_rov_engineer_with_pulse_widths_gets_thrusts(folder: Path):
     Path("dive.csv").write_text(text, encoding="utf-8")
     Path("rov.toml").write_text(ROV, encoding="utf-8")
     code, said = shell("inspect", "dive.csv", "--model", "rov.toml")
-    assert code == UNUSABLE and "euler (roll_deg, pitch_deg, yaw_deg)" in said.out
+    assert code == ExitCode.UNUSABLE and "euler (roll_deg, pitch_deg, yaw_deg)" in said.out
     code, said = shell(*following(said), "--fix")  # the first map was complete
-    assert code == EXPLAINED and "before: all commands are reversed" in said.out
+    assert code == ExitCode.EXPLAINED and "before: all commands are reversed" in said.out
     assert "after: no contradiction is left" in said.out
     code, said = shell(*following(said), "--known", "m=13.5", "--out", "found")
-    assert code == EXPLAINED
+    assert code == ExitCode.EXPLAINED
     found = yaml.safe_load(Path("found/calibrated.yaml").read_text(encoding="utf-8"))
     thrusts = [p["value"] for p in found["parameters"] if p["name"].startswith("thrust of")]
     assert np.ptp(np.log(np.array(thrusts) / truth)) < 0.03
@@ -134,9 +134,9 @@ def test_a_robot_on_its_feet_gets_a_calibrated_mjcf(folder: Path):
     """Joints, currents and IMU; the weight is known, the forces on the feet are not."""
     given = walked(folder)
     code, said = shell("inspect", given.log.name, "--model", given.model.name)
-    assert code == EXPLAINED
+    assert code == ExitCode.EXPLAINED
     code, said = shell(*following(said), "--known", f"mass={given.mass}", "--out", "found")
-    assert code == EXPLAINED
+    assert code == ExitCode.EXPLAINED
     identified = strict(Path("found/identification.json").read_text(encoding="utf-8"))
     gains = [p for p in identified["parameters"] if p["name"].startswith("gain_")]
     assert all(p["low"] < g < p["high"] for p, g in zip(gains, GAINS, strict=True))

@@ -10,7 +10,7 @@ import pytest
 
 from nsaid_mj.core.laws.base import Status
 from nsaid_mj.core.laws.config import NullspaceAID
-from nsaid_mj.core.nullspace.subspace import structural
+from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.loop import run
@@ -119,7 +119,7 @@ def test_46_may_hold_for_any_one_member_of_P():
     system, dt = TwoVehicles(), 0.02
     truth = np.array([2.0, 1.5, 1.0, 3.0, 1.0, 0.8, -1.2, 2.0])
     prior = 4.0 * truth
-    assert structural(system, truth, np.random.default_rng(0)).ratio(prior) < 1e-12
+    assert Nullspace.structural(system, truth, np.random.default_rng(0)).ratio(prior) < 1e-12
     margins = [
         np.linalg.eigvalsh(system.mass_matrix(np.zeros(4), member))[0]
         - np.linalg.norm(prior - member)

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from nsaid_mj.core.nullspace.subspace import structural
+from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.lab.plants.arm import true_model
 from tests.support.bench import Bench, TwoVehicles, bench
 
@@ -108,4 +108,4 @@ def test_r_of_two_vehicles_is_2():
     assert bench("double_pendulum").nullspace.r == 28 - (6 + 1 + 6) + 1
     assert bench("ur5").nullspace.r == 84 - (36 + 4 + 18) + 1
     truth = np.array([2.0, 1.5, 0.3, 3.0, 1.0, 0.8, -0.2, 2.0])
-    assert structural(TwoVehicles(), truth, np.random.default_rng(0)).r == 2
+    assert Nullspace.structural(TwoVehicles(), truth, np.random.default_rng(0)).r == 2

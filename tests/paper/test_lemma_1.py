@@ -9,9 +9,9 @@ import numpy as np
 from nsaid_mj.core.laws.base import Status
 from nsaid_mj.core.laws.nullspace_aid import paper_identifier
 from nsaid_mj.core.log import Log
-from nsaid_mj.core.nullspace.persistence import level
+from nsaid_mj.core.nullspace.persistence import PersistenceMonitor
 from nsaid_mj.core.parameters import Array, Block, ParameterSpace
-from nsaid_mj.core.structure.parts import Body, Column, Inertia, tied
+from nsaid_mj.core.structure.parts import Body, Column, Inertia
 from nsaid_mj.core.structure.structure import Structure
 from nsaid_mj.core.structure.system import SecondOrderSystem
 from tests.support.bench import accelerations, columns
@@ -65,7 +65,7 @@ class Cart(SecondOrderSystem):
     def __init__(self):
         mass = Block("mass", ("mass",), ("kg",), np.ones(1))
         gain = Block("gain", ("gain",), ("N",), np.ones(1), actuator=True)
-        heavy = Inertia(0, 0, tied([(i, i, 0, 1.0) for i in range(3)]))
+        heavy = Inertia.tied([(i, i, 0, 1.0) for i in range(3)])
         pushed = Column("motor", 1, dof=0, input=0)
         structure = Structure([Body("slide")], [heavy], [pushed], 2, 1)
         super().__init__(structure, ParameterSpace((mass, gain)))
@@ -94,7 +94,7 @@ def reversals(jumps: Array, steps: int) -> tuple[Array, Array, Array, Array]:
     W: Array = u[:, None, None] * np.array([2.0, -1.0])  # (10) with the true v̇
     for start in range(0, 36, 4):
         window = W[(t >= start) & (t < start + 4)]
-        assert level(window, 4 / len(window), P_perp) > 8.0
+        assert PersistenceMonitor.level_of(window, 4 / len(window), P_perp) > 8.0
     gains, prior = (np.full(1, K), np.full(2, 2.0)), np.array([1.5, 1.5])
     law = paper_identifier(system, *gains, prior, float(np.diff(t).max()))
     log = Log(t, q, v, u)

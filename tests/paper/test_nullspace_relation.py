@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.core.laws.nullspace_aid import paper_identifier
-from nsaid_mj.core.nullspace.subspace import structural
+from nsaid_mj.core.nullspace.subspace import Nullspace
 from tests.support.bench import Bench, TwoVehicles, bench, estimates, random_states
 from tests.support.vehicles import coordinate_map
 
@@ -85,6 +85,6 @@ def test_15_with_iff_the_set_is_no_subspace():
     assert (seen(mean, a) < 1e-14).all()
     assert (seen(mean, other) < 1e-14).all()  # ⇐ fails: the mean is not in P(θ)
     assert np.linalg.det(system.mass_matrix(x[0], mean)) == 0
-    nullspace = structural(system, theta, np.random.default_rng(0))
+    nullspace = Nullspace.structural(system, theta, np.random.default_rng(0))
     assert nullspace.r == 2
     assert nullspace.ratio(mean / system.space.scale) < 1e-14

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from nsaid_mj.core.laws.nullspace_aid import paper_identifier
-from nsaid_mj.core.nullspace.persistence import PersistenceMonitor, level
-from nsaid_mj.core.nullspace.subspace import structural
+from nsaid_mj.core.nullspace.persistence import PersistenceMonitor
+from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.core.parameters import Array
 from tests.support.bench import (
     Bench,
@@ -39,9 +39,9 @@ def test_proposition_1_at_the_true_set_there_is_no_excitation_along_it(name: str
     table = bench(name)
     B, dt = window(table, 3.0 * table.truth, 6.0, 20)
     strongest = np.linalg.norm(B) * dt**0.5 * (len(B) * dt) ** 0.5
-    assert level(B, dt) < 1e-13 * strongest
-    assert level(B, dt, table.nullspace.P) < 1e-12 * strongest
-    assert level(B, dt, table.nullspace.P_perp) > 1e-6 * strongest
+    assert PersistenceMonitor.level_of(B, dt) < 1e-13 * strongest
+    assert PersistenceMonitor.level_of(B, dt, table.nullspace.P) < 1e-12 * strongest
+    assert PersistenceMonitor.level_of(B, dt, table.nullspace.P_perp) > 1e-6 * strongest
     unexcited = np.linalg.svd(
         B.reshape(-1, table.system.p), compute_uv=False
     ) < 1e-10 * np.linalg.norm(B)
@@ -60,9 +60,15 @@ def test_proposition_1_holds_off_the_true_set_too():
     s_of_hat = theta_hat / table.system.space.scale
     s_of_truth = table.truth / table.system.space.scale
     strongest = np.linalg.norm(B) * dt**0.5 * (len(B) * dt) ** 0.5
-    assert level(B, dt) < 1e-13 * strongest
-    assert level(B, dt, (s_of_hat / np.linalg.norm(s_of_hat))[:, None]) < 1e-13 * strongest
-    assert level(B, dt, (s_of_truth / np.linalg.norm(s_of_truth))[:, None]) > 1e-3 * strongest
+    assert PersistenceMonitor.level_of(B, dt) < 1e-13 * strongest
+    assert (
+        PersistenceMonitor.level_of(B, dt, (s_of_hat / np.linalg.norm(s_of_hat))[:, None])
+        < 1e-13 * strongest
+    )
+    assert (
+        PersistenceMonitor.level_of(B, dt, (s_of_truth / np.linalg.norm(s_of_truth))[:, None])
+        > 1e-3 * strongest
+    )
 
 
 def test_proposition_1_the_estimate_need_not_converge_for_it():
@@ -87,10 +93,10 @@ def test_proposition_1_the_estimate_need_not_converge_for_it():
         moved = np.linalg.norm(theta_hat[k] - theta_hat[start], axis=1)
         force = np.linalg.norm(W @ theta_hat[start], axis=1)
         assert (force <= np.linalg.norm(W, ord=2, axis=(1, 2)) * moved + 1e-12).all()
-        levels.append(level(W, dt, along[:, None]))
+        levels.append(PersistenceMonitor.level_of(W, dt, along[:, None]))
     assert levels[0] > 0.01
     assert levels[-1] < 1e-4 * levels[0]
-    nullspace = structural(system, truth, np.random.default_rng(0))
+    nullspace = Nullspace.structural(system, truth, np.random.default_rng(0))
     assert nullspace.ratio(theta_hat[-1]) > 0.5 * nullspace.ratio(prior) > 0.1
 
 
@@ -120,7 +126,7 @@ def test_2_75_read_literally_are_never_met(name: str):
     w = np.linalg.svd(integral)[2][-1]
     gramian_norm = float(np.sqrt(len(B) * dt * dt * np.sum((B @ w) ** 2)))
     assert np.linalg.norm(integral @ w) < 1e-10 * gramian_norm
-    assert gramian_norm >= level(B, dt) > 0
+    assert gramian_norm >= PersistenceMonitor.level_of(B, dt) > 0
 
 
 @pytest.mark.parametrize("name", ["scalar_rov", "double_pendulum"])
@@ -136,19 +142,23 @@ def test_75_the_level_bounds_the_literal_norm_over_every_part(name: str):
     weakest = np.linalg.svd(B.reshape(-1, B.shape[2]), full_matrices=False)[2][-1]
     running = np.concatenate([np.zeros((1, B.shape[1])), np.cumsum(B @ weakest * dt, axis=0)])
     parts = np.linalg.norm(running[:, None] - running[None], axis=-1)
-    assert 0 < parts.max() <= level(B, dt) * (1 + 1e-9)
+    assert 0 < parts.max() <= PersistenceMonitor.level_of(B, dt) * (1 + 1e-9)
 
 
 def test_75_the_level_is_zero_exactly_where_a_direction_stays_unexcited():
     """The level against what it is by hand, and 0 as soon as one direction is never excited."""
     dt, t = 1e-3, np.arange(0, 2, 1e-3)
     waves = np.stack([np.sin(np.pi * t), np.cos(np.pi * t)], axis=1)[:, None, :]  # ∫ = I over 2 s
-    assert level(waves, dt) == pytest.approx(np.sqrt(2.0), rel=1e-6)  # (δ₀ λ)^½
-    assert level(3 * waves, dt) == pytest.approx(3 * np.sqrt(2.0), rel=1e-6)
+    assert PersistenceMonitor.level_of(waves, dt) == pytest.approx(
+        np.sqrt(2.0), rel=1e-6
+    )  # (δ₀ λ)^½
+    assert PersistenceMonitor.level_of(3 * waves, dt) == pytest.approx(3 * np.sqrt(2.0), rel=1e-6)
     assert np.linalg.norm(waves.sum(axis=0) * dt) < 1e-12  # while the literal integral is 0
     one = np.stack([waves[:, :, 0], 0.5 * waves[:, :, 0]], axis=-1)
-    assert level(one, dt) < 1e-12
-    assert level(one, dt, np.array([[1.0], [0.0]])) == pytest.approx(np.sqrt(2.0), rel=1e-6)
+    assert PersistenceMonitor.level_of(one, dt) < 1e-12
+    assert PersistenceMonitor.level_of(one, dt, np.array([[1.0], [0.0]])) == pytest.approx(
+        np.sqrt(2.0), rel=1e-6
+    )
 
 
 def test_75_the_monitor_bounds_the_level_from_above():
@@ -168,7 +178,7 @@ def test_75_the_monitor_bounds_the_level_from_above():
         monitor = PersistenceMonitor(system.p, nullspace.r, seconds)
         for sample in W:
             monitor.add(sample, dt)
-        exact = level(W, dt, nullspace.P_perp)
+        exact = PersistenceMonitor.level_of(W, dt, nullspace.P_perp)
         assert monitor.level_perp >= exact * (1 - 1e-6) > 0
         assert (abs(monitor.level_perp / exact - 1) < 1e-6) == equal
         assert monitor.level < 1e-6 * np.linalg.norm(W)

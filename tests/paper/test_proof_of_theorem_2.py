@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier
-from nsaid_mj.core.nullspace.persistence import level
+from nsaid_mj.core.nullspace.persistence import PersistenceMonitor
 from nsaid_mj.core.parameters import Array
 from tests.support.bench import accelerations, columns
 
@@ -141,7 +141,7 @@ def test_82_95_hold_with_the_level_where_the_literal_condition_cannot(seed: int)
     assert np.abs(B.sum(axis=0)).max() < 1e-12 * count  # (75) is met for no w at all
     start = rng.standard_normal(3)
     size = np.linalg.norm(start)
-    least, b = level(B[:, None], dt), largest(B[:, None])
+    least, b = PersistenceMonitor.level_of(B[:, None], dt), largest(B[:, None])
     phi = least * size / (2 * delta * b)  # (82)
     lengths = np.linalg.norm(B, axis=1)
     step = np.clip(B @ start / lengths, -phi, phi)
@@ -176,6 +176,6 @@ def test_90_a_run_hides_no_error_larger_than_its_force(path: Path, rows: int):
         force = np.linalg.norm(np.einsum("kij,kj->ki", path.B[k], path.across[k]), axis=1).max()
         phi = np.linalg.norm(path.across[k] - path.across[start], axis=1).max()
         error = np.linalg.norm(path.across[start])
-        bounds.append(delta * (force + b * phi) / level(path.B[k], path.dt))
+        bounds.append(delta * (force + b * phi) / PersistenceMonitor.level_of(path.B[k], path.dt))
         assert error <= bounds[-1]
     assert bounds[-1] < 1e-3 * np.linalg.norm(path.across[0])

@@ -8,11 +8,10 @@ import pytest
 from nsaid_mj.core import paper
 from nsaid_mj.core.laws.nullspace_aid import paper_identifier
 from nsaid_mj.core.log import Log
-from nsaid_mj.core.nullspace.persistence import level
-from nsaid_mj.core.nullspace.subspace import structural
+from nsaid_mj.core.nullspace.persistence import PersistenceMonitor
+from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.core.paper import Bases, Moment
 from nsaid_mj.core.parameters import Array
-from nsaid_mj.core.structure.sensing import displaced
 from nsaid_mj.lab.evaluation.lyapunov import lyapunov
 from nsaid_mj.lab.record import Record
 from tests.support.bench import Bench, bench
@@ -82,7 +81,7 @@ def test_44_45_a_step_of_the_law_is_that_of_the_paper(table: Bench):
         K = positive_definite(np.full(system.n, 5.0), rng)
         Gamma = positive_definite(0.1 * system.space.scale**2, rng)
         after = (
-            displaced(system, q, dt * v),
+            system.displaced(q, dt * v),
             v + 0.01 * np.abs(v).max() * rng.standard_normal(len(v)),
         )
         log = Log(
@@ -111,7 +110,7 @@ def test_15_33_35_the_nullspace_is_what_every_regressor_maps_to_0(table: Bench):
         W = paper.regressor_under(system, at, at.v(system.n), theta) * scale
         stack.append(W / np.linalg.norm(W, axis=1, keepdims=True))
     found = paper.persistent_nullspace(np.array(stack))
-    kernels = structural(system, theta, np.random.default_rng(1))
+    kernels = Nullspace.structural(system, theta, np.random.default_rng(1))
     assert found.P.shape == kernels.P.shape and found.P_perp.shape == kernels.P_perp.shape
     off = found.P @ found.P.T - kernels.P @ kernels.P.T
     assert np.abs(off).max() < 1e-7
@@ -129,7 +128,7 @@ def test_75_the_level_of_excitation_is_that_of_the_monitored_one():
         W.append(paper.regressor_under(system, at, at.v(system.n), table.truth) * scale)
     window, basis = np.array(W), table.nullspace.P_perp
     found = paper.excitation_level(window, 0.01, basis)
-    assert found == pytest.approx(level(window, 0.01, basis), rel=1e-9)
+    assert found == pytest.approx(PersistenceMonitor.level_of(window, 0.01, basis), rel=1e-9)
     rng = np.random.default_rng(3)
     for _ in range(20):
         w = rng.standard_normal(basis.shape[1])

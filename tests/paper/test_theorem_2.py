@@ -7,8 +7,8 @@ import pytest
 
 from nsaid_mj.core.laws.nullspace_aid import paper_identifier
 from nsaid_mj.core.log import Measurement
-from nsaid_mj.core.nullspace.persistence import level
-from nsaid_mj.core.nullspace.subspace import structural
+from nsaid_mj.core.nullspace.persistence import PersistenceMonitor
+from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.lab.control.driver import Driver
 from nsaid_mj.lab.setup import trajectory
@@ -25,7 +25,7 @@ def test_theorem_2_one_vehicle(converged):
     a = system.acceleration(t, x, v, u, table.truth)
     W = system.regressor(t, x, v, a, u) * scale
     for k in range(0, len(t) - 1000, 1000):  # 10 s, a period of the lowest tone
-        assert level(W[k : k + 1000], table.dt, table.nullspace.P_perp) > 1.0
+        assert PersistenceMonitor.level_of(W[k : k + 1000], table.dt, table.nullspace.P_perp) > 1.0
     ratio = table.nullspace.ratio(theta_hat / scale)
     assert ratio[0] > 0.1
     assert ratio[-1] < 1e-5
@@ -64,7 +64,7 @@ def rich(t: float) -> Array:
 def test_theorem_2_each_of_two_vehicles_finds_its_own_scale():
     """r = 2: θ̂ → P_s(θ), the plane of (αθ₁, βθ₂), with α ≠ β."""
     _, _, theta_hat = two_vehicles(rich, 80.0)
-    nullspace = structural(TwoVehicles(), TWO, np.random.default_rng(0))
+    nullspace = Nullspace.structural(TwoVehicles(), TWO, np.random.default_rng(0))
     assert nullspace.r == 2
     ratio = nullspace.ratio(theta_hat)
     assert ratio[0] > 0.1
@@ -110,7 +110,9 @@ def test_theorem_2_fails_at_rest():
     t, x, v, u = columns(samples)
     assert np.abs(v).max() < 1e-12
     W = system.regressor(t, x, v, 0 * v, u) * system.space.scale
-    assert level(W, table.dt, table.nullspace.P_perp) < 1e-9 * np.linalg.norm(W)
+    assert PersistenceMonitor.level_of(W, table.dt, table.nullspace.P_perp) < 1e-9 * np.linalg.norm(
+        W
+    )
     law = table.law.build(system, table.truth * [1.4, 0.6, 1.4, 0.8], table.dt)
     v_hat, theta_hat = estimates(law, samples)
     ratio = table.nullspace.ratio(theta_hat / system.space.scale)

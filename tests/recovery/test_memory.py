@@ -10,7 +10,7 @@ from nsaid_mj import Driving, FourierTracking, MultisineCommand
 from nsaid_mj.core.laws.base import State, Status
 from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier
-from nsaid_mj.core.nullspace.subspace import structural
+from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
@@ -117,7 +117,7 @@ def distances(scenario: Scenario) -> tuple[np.ndarray, list[State]]:
         state, made = law.follow(states[-1], log.part(at, at + every + 1))
         assert state.status is Status.completed and (made.pivot > 0).all()
         states.append(state)
-    truth = structural(system, setup.plant.truth, np.random.default_rng(0))
+    truth = Nullspace.structural(system, setup.plant.truth, np.random.default_rng(0))
     ratios = [float(truth.ratio(state.theta_hat / system.space.scale)) for state in states]
     return np.array(ratios), states
 

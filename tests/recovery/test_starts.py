@@ -8,7 +8,7 @@ import pytest
 
 from nsaid_mj import Scenario
 from nsaid_mj.core.laws.base import Status
-from nsaid_mj.core.quotient.cone import cone_of, inside
+from nsaid_mj.core.quotient.cone import Cone
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.setup import prior_for
 from nsaid_mj.plans.studies.montecarlo import DrawnMotion, identify
@@ -44,13 +44,13 @@ def test_a_start_far_off_stays_inside_and_comes_nearer(name, index):
 
 def test_starts_are_inside_the_cone_distinct_and_reproducible():
     motion = known("remus100", 5.0)
-    cone = cone_of(motion.setup.plant.system.space)
+    cone = Cone.of(motion.setup.plant.system.space)
 
     def draw(index: int) -> np.ndarray:
         return prior_for(begun(motion, index)[1], motion.setup.plant)
 
     drawn = [draw(index) for index in range(50)]
-    assert all(inside(cone, theta) for theta in drawn)
+    assert all(cone.contains(theta) for theta in drawn)
     assert len({tuple(theta) for theta in drawn}) == 50
     np.testing.assert_array_equal(drawn[7], draw(7))
     off = np.abs(

@@ -13,9 +13,9 @@ from scipy.integrate import solve_ivp
 from nsaid_mj.core.laws.base import Estimates, Identifier, State, Status
 from nsaid_mj.core.laws.config import IdentifierConfig, NullspaceAID
 from nsaid_mj.core.log import Log, Measurement
-from nsaid_mj.core.nullspace.subspace import Nullspace, structural
+from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.core.parameters import Array, Block, ParameterSpace
-from nsaid_mj.core.structure.parts import Body, Column, Inertia, tied
+from nsaid_mj.core.structure.parts import Body, Column, Inertia
 from nsaid_mj.core.structure.structure import Structure
 from nsaid_mj.core.structure.system import SecondOrderSystem
 from nsaid_mj.lab.control.driver import DriverConfig
@@ -60,7 +60,7 @@ class Bench:
 
     @cached_property
     def nullspace(self) -> Nullspace:
-        return structural(self.system, self.truth, np.random.default_rng(0))
+        return Nullspace.structural(self.system, self.truth, np.random.default_rng(0))
 
     def prior(self, error: float, seed: int = 2) -> Array:
         """(p,) the truth, off by up to ±error."""
@@ -260,14 +260,15 @@ class TwoVehicles(SecondOrderSystem):
             for i in (1, 2)
             for name, unit in zip(*names, strict=True)
         ]
-        mass, columns = tied([(i, i, 0, 1.0) for i in range(3)]), []
+        columns = []
         for i in range(2):
             columns += [
                 Column("quadratic", 4 * i + 1, dof=i),
                 Column("offset", 4 * i + 2, dof=i, force=-1.0),
                 Column("motor", 4 * i + 3, dof=i, input=i),
             ]
-        inertias = [Inertia(i, 4 * i, mass) for i in range(2)]
+        mass = [(i, i, 0, 1.0) for i in range(3)]
+        inertias = [Inertia.tied(mass, i, 4 * i) for i in range(2)]
         structure = Structure([Body("slide"), Body("slide")], inertias, columns, 8, 2)
         super().__init__(structure, ParameterSpace(tuple(blocks)))
 

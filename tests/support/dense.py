@@ -12,7 +12,6 @@ from nsaid_mj.core.log import Log, Measurement, Middle
 from nsaid_mj.core.numerics.linalg import solve_positive
 from nsaid_mj.core.numerics.spatial import bracket
 from nsaid_mj.core.parameters import Array
-from nsaid_mj.core.quotient import barrier
 from nsaid_mj.core.quotient import cone as geometry
 from nsaid_mj.core.structure.arrays import FALL, FRAME
 from nsaid_mj.core.structure.configuration_space import plain
@@ -167,7 +166,7 @@ def rk4_step(
         if cone is None:
             return np.r_[a_hat - K @ dv, Gamma @ (W.T @ dv)]
         metric = np.linalg.inv(Gamma)
-        metric += law.metric.mu * barrier.gradient_and_hessian(cone, theta)[1]
+        metric += law.metric.mu * cone.derivatives(theta)[1]
         rate = np.linalg.solve(metric, W.T @ dv)
         return np.r_[a_hat - K @ dv, chart.chart_rate(cone, z[n:], rate)]
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from nsaid_mj.core.structure.joints import positions
+from nsaid_mj.core import JointTree
 from nsaid_mj.robots.model import RobotModel
 
 JOINTS = ("shoulder", "elbow")
@@ -166,7 +166,7 @@ def arm_log(
 
     def inertial(t: np.ndarray) -> np.ndarray:
         q, v, a = motion(t)
-        rows = zip(positions(model, q), v, a, strict=True)
+        rows = zip(JointTree.links(model).position(q), v, a, strict=True)
         return np.array([pin.rnea(model, data, *row) for row in rows])
 
     t = np.arange(round(duration * rate)) / rate

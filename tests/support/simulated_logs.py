@@ -23,7 +23,7 @@ import numpy as np
 import pinocchio as pin
 
 from nsaid_mj.clinic.identify.models import load_robot_model
-from nsaid_mj.core.structure.joints import positions
+from nsaid_mj.core import JointTree
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.plants.arm import true_model
 from nsaid_mj.lab.setup import Setup
@@ -168,7 +168,7 @@ class HeavyWrist:
         share = 0.2 * _rms(_torques(model, q, v, a)) * np.where(wrist, WRIST, 1.0)
         viscous = share * rng.uniform(0.5, 1.5, n) / _rms(v)
         coulomb = share * rng.uniform(0.5, 1.5, n)
-        data, poses = true.createData(), positions(true, q[::250])
+        data, poses = true.createData(), JointTree.links(true).position(q[::250])
         inertia = np.mean([np.diag(pin.crba(true, data, pose)) for pose in poses], axis=0)
         rotor = inertia * np.where(wrist, 3.0, 0.3) * rng.uniform(0.5, 1.5, n)
         self._joint = rotor, viscous, coulomb
@@ -212,5 +212,5 @@ class HeavyWrist:
 def _torques(model: pin.Model, q: Array, v: Array, a: Array) -> Array:
     """(N, n) torques of inertia and weight."""
     data = model.createData()
-    rows = zip(positions(model, q), v, a, strict=True)
+    rows = zip(JointTree.links(model).position(q), v, a, strict=True)
     return np.array([pin.rnea(model, data, *row) for row in rows])

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nsaid_mj.core.parameters import Array
-from nsaid_mj.core.structure.columns.curve import odd
 from nsaid_mj.core.structure.parts import Column
+from nsaid_mj.lab.plants.conversion import odd
 from nsaid_mj.lab.plants.scalar_rov import heaving
 from nsaid_mj.lab.plants.world.blueprint import VehicleSheet, sheet_of
 from tests.support.matrices import skew

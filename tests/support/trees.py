@@ -11,7 +11,7 @@ from nsaid_mj.core.structure.columns import KINDS
 from nsaid_mj.core.structure.columns.curve import interpolated
 from nsaid_mj.core.structure.columns.kind import CURVE, LISTED
 from nsaid_mj.core.structure.forces import BODY_KINDS
-from nsaid_mj.core.structure.parts import Body, Column, Inertia, Rotor, cylinder, full
+from nsaid_mj.core.structure.parts import Body, Column, Inertia, Rotor
 from nsaid_mj.core.structure.structure import Structure
 
 TABLE = interpolated(np.array([-3.0, -0.4, 0.3, 3.0]), np.array([-2.0, -0.7, 0.4, 2.5]))
@@ -73,10 +73,10 @@ def random_structure(seed: int, base: str = "held", count: int = 5) -> Structure
             inertias.append(Inertia(b, p))
             p += 10
         if not rigid or rng.random() < 0.4:
-            inertias.append(Inertia(b, p, full()))
+            inertias.append(Inertia.full(body=b, start=p))
             p += 21
         if rng.random() < 0.3:
-            inertias.append(Inertia(b, p, cylinder(rng.uniform(-0.3, 0.3, 3), unit(rng), 0.4)))
+            inertias.append(Inertia.cylinder(rng.uniform(-0.3, 0.3, 3), unit(rng), 0.4, b, p))
             p += 1
     shape = Structure(bodies, inertias, [], p, 0)
     dofs = [

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from nsaid_mj.base import pin
-from nsaid_mj.core import CompiledMultibody, ContactPoint, JointScales, rebuilt
+from nsaid_mj.core import CompiledMultibody, ContactPoint, JointScales
 from nsaid_mj.core.structure.joints import floats
 from nsaid_mj.robots import load_robot
 
@@ -27,7 +27,7 @@ def identified(model, contacts, friction_speed=0.05):
     links = [model.inertias[i].toDynamicParameters() for i in range(1, model.njoints)]
     theta = np.concatenate([*links, 0.01 * one, 0.1 * one, 0.1 * one, one])
     structure = replace(system.structure, contacts=tuple(contacts))
-    return rebuilt(system, structure, system.space), theta
+    return system.rebuilt(structure, system.space), theta
 
 
 def quadruped_feet(model, radius=0.0):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...base import InvalidInput, numbers_in, print_json, printable, write_json, write_text
 from ...lab import check_writable, folder_for_results
-from ...report import EXPLAINED, UNUSABLE, code_of
+from ...report import ExitCode
 from ...robots import asset
 from .checks import check_identify, check_inspect, known_number, names_in
 
@@ -83,7 +83,7 @@ def _identify(model: str, chosen: ToIdentify, folder: Path) -> int:
         print((folder / RESULT).read_text(encoding="utf-8"), end="")
     elif not chosen.quiet:
         print_page(page, Console(), files)
-    return max(code_of(page.result), int(ended))
+    return max(ExitCode.of(page.result), int(ended))
 
 
 def _mended(model: str, chosen: ToIdentify, folder: Path, quiet: bool) -> ToIdentify:
@@ -166,11 +166,10 @@ def write(
     result = with_trial(result, followed)
     write_json(folder / RESULT, without_nonfinite(result.summary()))
     report("writing the report")
-    from ...report import write_html
     from ..identify.page import identification_page as pages_page
 
     page = pages_page(result, command)
-    files.append(write_html(page, folder))
+    files.append(page.write_html(folder))
     from ...base import RECORDING, installed
     from ..identify.recording import record
 
@@ -236,7 +235,6 @@ def identify_given(
     write_servo_mjcf(result, model_file)
     write_json(path, without_nonfinite(result.summary()))
     from ...base import RECORDING, installed
-    from ...report import write_html
     from ..identify.recording import record_servos
     from ..servos.page import servo_page as servos_page
 
@@ -249,7 +247,7 @@ def identify_given(
     if installed("rerun"):
         progress.say("writing the recording")
         files.append(record_servos(page, replay, folder / RECORDING))
-    return page, [*files, write_html(page, folder)]
+    return page, [*files, page.write_html(folder)]
 
 
 MAP = "map.toml"
@@ -288,7 +286,7 @@ def inspect_log(chosen: ToInspect) -> int:
         print()
         for line in (*files, *_next(chosen, found, files)):
             print(f"  {printable(str(line))}")
-    return UNUSABLE if _unusable(found) else EXPLAINED
+    return ExitCode.UNUSABLE if _unusable(found) else ExitCode.EXPLAINED
 
 
 def _unusable(found: Inspection) -> bool:

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 
 from ...base import require
 from ...lab import folder_for
-from ...report import code_of
+from ...report import ExitCode
 from .checks import check_live, names_in
 
 if TYPE_CHECKING:
     from ...lab import Observer
     from ..session import LiveEstimate
+    from ..walking import Lines
     from .given import ToFollow
 
 _SHOWN = 1.0  # time between two printed estimates [s]
@@ -26,12 +27,22 @@ def follow_robot(chosen: ToFollow) -> int:
     check_live(chosen)
     from ...lab import Progress, finish, print_result, summary_of
     from ..identify.measured import LiveRobot, measured_scenario
+    from ..identify.models import load_robot_model
     from ..logs.stream import bound, standard_input
     from ..session import Session
+    from ..walking import first_of, walks
 
     name = Path(chosen.model).stem
     lock = names_in(chosen.lock)
     joints = names_in(chosen.joints)
+    given: Lines | None = None
+    model = load_robot_model(chosen.model, lock, joints or None)
+    if model.walks:  # or hangs on a stand: its first sample says which
+        given = standard_input() if chosen.udp is None else bound(chosen.udp)
+        _wait_for(chosen, name)
+        first, given = first_of(given)
+        if walks(model, first):
+            return _follow_walking(chosen, model.joints, given)
     robot = LiveRobot(robot=chosen.model, lock=lock, joints=joints, gain=chosen.gain)
     noise = chosen.position_noise, chosen.velocity_noise
     scenario = measured_scenario(robot, chosen.law, chosen.rate, noise, chosen.prior_error)
@@ -42,16 +53,15 @@ def follow_robot(chosen: ToFollow) -> int:
             session = Session(scenario, chosen.frame)
             progress.say("loading kernels")
             session.warm_up()
-        lines = standard_input() if chosen.udp is None else bound(chosen.udp)
+        lines = given or (standard_input() if chosen.udp is None else bound(chosen.udp))
         space = session.robot.system.space
         system = session.robot.system
         if chosen.json:
             widths = {"q": system.m, "v": system.n, "u": system.n_u}
             head = {"names": space.names, "units": space.units, "widths": widths}
             print(json.dumps(head | {"folder": str(folder)}, allow_nan=False), flush=True)
-        elif not quiet:
-            where = "standard input" if chosen.udp is None else f"UDP port {chosen.udp}"
-            print(f"{name}: waiting for samples from {where}", file=sys.stderr)
+        elif given is None:
+            _wait_for(chosen, name)
         observers: list[Observer] = []
         if chosen.view:
             require("rerun", "view", "A recording")
@@ -69,7 +79,44 @@ def follow_robot(chosen: ToFollow) -> int:
         print(json.dumps(found, ensure_ascii=False, allow_nan=False))
     elif not chosen.quiet:
         print_result(f"{name} live", result, folder)
-    return code_of(result)
+    return ExitCode.of(result)
+
+
+def _wait_for(chosen: ToFollow, name: str) -> None:
+    if not (chosen.quiet or chosen.json):
+        where = "standard input" if chosen.udp is None else f"UDP port {chosen.udp}"
+        print(f"{name}: waiting for samples from {where}", file=sys.stderr)
+
+
+def _follow_walking(chosen: ToFollow, joints: tuple[str, ...], lines: Lines) -> int:
+    """Identifies a robot that walks while its samples come, and writes the results."""
+    from rich.console import Console
+
+    from ...lab import folder_for_results
+    from ...report import print_page
+    from ..walking import WalkingSamples, identified_along
+    from .identify import RESULT, files_of_results, write
+
+    samples = WalkingSamples(joints, lines)
+    name = f"{Path(chosen.model).stem}-live"
+    files = files_of_results(chosen.model)
+    show = _send if chosen.json else (_print if not chosen.quiet else lambda _: None)
+    options = {"lock": names_in(chosen.lock), "joints": names_in(chosen.joints) or None}
+    with folder_for_results(name, chosen.out, chosen.force, files, "results") as folder:
+        if chosen.json:
+            widths = {"q": len(joints), "v": len(joints), "u": len(joints), "imu": 10}
+            print(json.dumps({"widths": widths, "folder": str(folder)}), flush=True)
+
+        def say(text: str) -> None:
+            print(text, file=sys.stderr, flush=True)
+
+        found = identified_along(chosen.model, options, samples, folder, show, say)
+        page, written = write(found, folder, lambda _: None)
+        if chosen.json:
+            print((folder / RESULT).read_text(encoding="utf-8"), end="")
+        elif not chosen.quiet:
+            print_page(page, Console(), written)
+    return code_of(page.result)
 
 
 def _send(estimate: LiveEstimate) -> None:

@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...base import Finding, refused
+from ...base import Finding
 from ...core import Array
-from ...report import gravest_first
 from ...robots import RobotModel
 from ..logs import signals
 from ..logs.recordings import Recordings
@@ -201,7 +200,7 @@ def _identification(
         explains=explains,
         verdict=sentence,
         parameters=parameters,
-        findings=gravest_first(found),
+        findings=Finding.gravest_first(found),
         robot=robot,
         recordings=recordings,
         joints=joints,
@@ -385,5 +384,5 @@ def _curves(problem: FitProblem, theta: Array, recordings: Recordings) -> Curves
 
 
 def _refuse(found: list[Finding]) -> None:
-    if refused(found):
-        raise UnusableLog(gravest_first(found))
+    if Finding.refused(found):
+        raise UnusableLog(Finding.gravest_first(found))

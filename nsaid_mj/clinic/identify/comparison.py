@@ -16,16 +16,13 @@ from ...core import (
     JointScales,
     SensorLevels,
     drawn_inside,
-    positions,
 )
 from ...lab import BUDGET, Problem, sysid, toolbox
 from ...robots import (
     BadRobot,
     Identified,
+    MjcfFile,
     RobotModel,
-    compile_file,
-    joint_names,
-    position_servos,
     with_inertias,
 )
 from ..logs.recordings import LogSegment, Recordings
@@ -82,11 +79,10 @@ def compare_servos(
     def parts(model: str) -> list[_Part]:
         if model in CHOICES["fitted model"]:
             return _fitted_servos(given, model, report)
-        mj = compile_file(Path(model))[1]
+        file = MjcfFile(Path(model))
         joints = given.robot.joints
-        names = joint_names(mj)
-        missing = [joint for joint in joints if joint not in names]
-        if missing or position_servos(mj, names, joints) is None:
+        missing = [joint for joint in joints if joint not in file.joints]
+        if missing or not file.drives(joints):
             remedy = f"All models need a position servo on each of {', '.join(joints)}."
             raise BadRobot(model, ", ".join(missing), "a joint or its servo is missing", remedy)
         return [_apart(Path(model), given, log, None) for log in given.logs]
@@ -260,7 +256,7 @@ def by_toolbox(
     system = CompiledMultibody(robot.model, scales, speeds)
     logs = [delayed(s, made.delays).log for s in recordings.segments]
     sign = np.sign(robot.gain)
-    logs = [log._replace(q=positions(robot.model, log.q), u=log.u * sign) for log in logs]
+    logs = [log._replace(q=robot.system.position(log.q), u=log.u * sign) for log in logs]
     theta, _ = sysid(Problem(system, logs[0], prior, _NOISY), budget, logs[1:])
     rotor, viscous, coulomb, gain = theta[-4 * n :].reshape(4, n)
     model = with_inertias(robot.model, theta[: -4 * n].reshape(-1, 10), rotor)

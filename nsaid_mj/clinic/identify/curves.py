@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...core import moving_joints, slides
 from ...lab import INTERVAL
 from ...report import COLOURS, Comparison, Forest, Panel, Points
 from ..servos.result import Replayed, ServoIdentification
@@ -143,7 +142,7 @@ def _estimates_of(result: Identification) -> list[Panel]:
 def replays_of(result: ServoIdentification, replayed: Replayed) -> tuple[Comparison, ...]:
     """Positions of every joint along all logs, measured and simulated with the exported file."""
     logs = replayed.logs
-    joints = moving_joints(result.robot.model)
+    slides = result.robot.system.slides
     moved = shifts([(log.source, log.t[0], log.t[-1]) for log in logs])
     t = np.concatenate([log.t + shift for log, shift in zip(logs, moved, strict=True)])
     measured = np.concatenate([log.position for log in logs])
@@ -154,7 +153,7 @@ def replays_of(result: ServoIdentification, replayed: Replayed) -> tuple[Compari
         Comparison(
             servo.name,
             "q",
-            "m" if slides(joint) else "rad",
+            "m" if slide else "rad",
             t,
             measured[:, j],
             simulated[:, j],
@@ -164,5 +163,5 @@ def replays_of(result: ServoIdentification, replayed: Replayed) -> tuple[Compari
             computed="simulated",
             target=target[:, j],
         )
-        for j, (servo, joint) in enumerate(zip(result.servos, joints, strict=True))
+        for j, (servo, slide) in enumerate(zip(result.servos, slides, strict=True))
     )

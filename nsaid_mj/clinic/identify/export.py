@@ -21,10 +21,8 @@ from ...robots import (
     actuators_of,
     mjcf_text,
     with_inertias,
-    write_mjcf,
-    write_sysid,
+    write_model,
     write_table,
-    write_urdf,
 )
 from ..logs.recordings import Recordings
 from .joints import joint_of
@@ -44,11 +42,11 @@ def write_models(result: Identification, folder: Path) -> tuple[list[Path], list
     values = identified(result)
     if robot.kind == "urdf":
         files.append(folder / f"{_file_name(robot.name)}.urdf")
-        write_urdf(robot, values, files[-1])
+        write_model(robot, values, files[-1])
     files.append(folder / f"{_file_name(robot.name)}.xml")
-    write_mjcf(robot, values, files[-1])
+    write_model(robot, values, files[-1])
     files.append(folder / "sysid.yaml")
-    write_sysid(robot, values, files[-1])
+    write_model(robot, values, files[-1])
     return files, [_followed(result, values)]
 
 
@@ -138,15 +136,13 @@ def _of(result: Identification, block: str, k: int) -> Array:
 def _followed(result: Identification, values: Identified) -> Finding:
     """Deviation of the exported model from the log, compared with the original model file."""
     if result.robot.floating:
-        text = (
-            "the exported model was not simulated along the log: a simulated foot touches down a "
-        )
-        text += "moment earlier or later than the real one, and from then on the motions have "
-        text += "nothing to do with each other; the errors above are those of its forces"
-        return Finding("note", "replay", "", text)
+        return _stepped(result, values)
+    loaded = result.fitted.made.loaded  # the exported model carries none
+    bare = tuple(s for s in result.recordings.segments if s.source not in loaded)
+    recordings = replace(result.recordings, segments=bare)
     try:
         exported, nominal = (
-            replay(result.robot, own, result.recordings)
+            replay(result.robot, own, recordings)
             for own in (values, Identified.nominal(result.robot))
         )
     except NsaidError as error:
@@ -155,12 +151,55 @@ def _followed(result: Identification, values: Identified) -> Finding:
     figures = ", ".join(f"{name} {_figure(own)} ({_figure(file)})" for name, own, file in rows)
     worse = ", ".join(name for name, own, file in rows if own > file)
     text = (
-        "rms error of MuJoCo over windows of 0.2 s, driven by the log's commands [rad or m], with "
-        f"the exported model (in brackets: with the original model file): {figures}"
+        "rms error of MuJoCo over windows of 0.2 s, driven by the log's commands"
+        f"{' without the load' if loaded else ''} [rad or m], with the exported "
+        f"model (in brackets: with the original model file): {figures}"
     )
     remedy = f"The exported model is worse at {worse}." if worse else ""
     data = {"exported": exported.tolist(), "nominal": nominal.tolist()}
     return Finding("warning" if worse else "note", "replay", "", text, remedy, data)
+
+
+def _stepped(result: Identification, values: Identified) -> Finding:
+    """Errors of the exported model's forces in stance and in swing, and of the original file's."""
+    from .ground.search import filter_of
+    from .ground.trial import trial
+
+    robot = result.robot
+    chosen = filter_of(result.recordings, result.cutoff)
+    delay = np.array([joint.delay for joint in result.joints[-len(robot.joints) :]])
+    each = [
+        trial(robot, _without_contacts(robot, own), own.gain, result.recordings, chosen, delay)
+        for own in (values, Identified.nominal(robot))
+    ]
+    own, nominal = each
+    figures = [f"in stance {100 * own.stance:.2g} % ({100 * nominal.stance:.2g} %)"]
+    if np.isfinite(own.swing):
+        figures.append(f"of swinging legs {100 * own.swing:.2g} % ({100 * nominal.swing:.2g} %)")
+    text = (
+        "one-step errors of MuJoCo's inverse dynamics of the exported model along the log, without "
+        f"the feet's forces, over what the commands do: {', '.join(figures)}; in brackets with the "
+        "original model file. It is not simulated further, since a foot that touches down a moment "
+        "earlier or later makes another motion of it, however good the model is"
+    )
+    data = {
+        "exported": [own.stance, own.swing if np.isfinite(own.swing) else own.stance],
+        "nominal": [nominal.stance, nominal.swing if np.isfinite(own.swing) else nominal.stance],
+    }
+    return Finding("note", "replay", "", text, data=data)
+
+
+def _without_contacts(robot: RobotModel, values: Identified) -> Any:
+    """The compiled model that `write_mjcf` writes, whose bodies touch nothing."""
+    assert robot.file is not None  # a tree of joints comes from a file
+    folder = robot.file.resolve().parent
+    spec = mujoco.MjSpec.from_string(mjcf_text(robot, values, folder))
+    for directory in ("meshdir", "texturedir"):
+        setattr(spec, directory, str(folder / getattr(spec, directory)))
+    spec.option.disableflags |= int(
+        mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
+    )
+    return spec.compile()
 
 
 def _figure(value: float) -> str:
@@ -200,15 +239,7 @@ def departures(
     After `horizon` [s], at least one sample, the simulation restarts from the measured position and
     velocity; inf for once per segment. Of these windows, only one of `every` so many is simulated.
     """
-    assert robot.file is not None  # a tree of joints comes from a file
-    folder = robot.file.resolve().parent
-    spec = mujoco.MjSpec.from_string(mjcf_text(robot, values, folder))
-    for directory in ("meshdir", "texturedir"):
-        setattr(spec, directory, str(folder / getattr(spec, directory)))
-    spec.option.disableflags |= int(
-        mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
-    )
-    mj: Any = spec.compile()
+    mj = _without_contacts(robot, values)
     joints = JointMap(mj, robot.joints)
     joint_ids = [mj.joint(name).id for name in robot.joints]
     command = {k: own[0] for k, i in enumerate(joint_ids) if (own := actuators_of(mj, i))}

@@ -35,22 +35,15 @@ import scipy.linalg
 from ...base import NoEstimate
 from ...core import (
     Array,
+    Cone,
     ParameterSpace,
     Posterior,
     Quotient,
-    Rules,
     Sums,
-    barrier,
-    cone_of,
-    efforts,
-    gradient_and_hessian,
-    inverse_on,
-    local_norm,
 )
-from ...core import minimise as descend
 from .problem import FitProblem, folds
 
-_RULES = Rules(steps=200, halvings=12, done=1e-2)
+_LIMITS = {"steps": 200, "halvings": 12, "done": 1e-2}  # of the search for the minimum
 
 
 class Fit(NamedTuple):
@@ -78,10 +71,10 @@ class ConePrior:
         self._precision[self._matrix] = 0.0
         blocks = tuple(b for b in space.blocks if b.geometry not in ("positive", "free"))
         if blocks:
-            self._cone = cone_of(ParameterSpace(blocks))
+            self._cone = Cone.of(ParameterSpace(blocks))
             start = self._start[self._matrix]
-            self._slope = gradient_and_hessian(self._cone, start)[0]
-            self._level, self._pull = barrier(self._cone, start), -self._slope * start
+            self._slope = self._cone.derivatives(start)[0]
+            self._level, self._pull = self._cone.barrier(start), -self._slope * start
 
     def _scales(self, theta: Array) -> tuple[Array, Array]:
         """(s,) logarithms of the sizes of θ over those of θ̂(0); (p,) that of each prior value."""
@@ -107,7 +100,7 @@ class ConePrior:
         if self._cone is not None:
             own = theta[self._matrix]
             change = self._scales(theta)[1][self._matrix]
-            total += barrier(self._cone, own) - self._level
+            total += self._cone.barrier(own) - self._level
             total += self._pull @ (change - 1) - self._slope @ (own / np.exp(change))
         return float(total)
 
@@ -136,7 +129,7 @@ class ConePrior:
             own = theta[at]
             size = np.exp(change[at])
             weights = changes[at]
-            slope, curvature = gradient_and_hessian(self._cone, own)
+            slope, curvature = self._cone.derivatives(own)
             gradient[at] += slope - self._slope / size
             gradient += (self._pull + self._slope * own / size) @ weights
             shape = -own[:, None] * weights
@@ -148,7 +141,7 @@ class ConePrior:
         """Length of a step (p,) in the cone's metric at θ: shorter than 1, it stays inside."""
         total = float(np.sum((step[self.positive] / theta[self.positive]) ** 2))
         if self._cone is not None:
-            total += local_norm(self._cone, theta[self._matrix], step[self._matrix]) ** 2
+            total += self._cone.length(theta[self._matrix], step[self._matrix]) ** 2
         return float(np.sqrt(total))
 
 
@@ -171,7 +164,7 @@ def cost_of(problem: FitProblem, parts: Sums) -> Quotient:
         # a force that never changes is no measure: another constant one could cancel it at any size
         moving = means.copy()
         moving[:, problem.steady, problem.steady] = 0.0
-    effort = efforts(moving, space)
+    effort = Quotient.reference(moving, space)
     if effort is None and inertia is not None and means[:, space.actuators].any():
         effort = np.zeros(means.shape[:2])
     if effort is None:
@@ -202,7 +195,7 @@ def minimise(problem: FitProblem, parts: Sums | None = None, start: Array | None
     if not np.isfinite(J.value(theta)):
         raise NoEstimate("The prior is not physically consistent", "Check the model's inertias.")
     free = np.diag(np.abs(problem.space.scale))[:, ~problem.known]
-    theta, _, hessian = descend(J, theta, _RULES, free)
+    theta, hessian = J.minimised(theta, free, **_LIMITS)
     return Fit(theta, J.quotient.levels(theta), hessian, J.value(theta))
 
 
@@ -293,7 +286,7 @@ def precision(problem: FitProblem, fit: Fit, share: Array) -> Precision:
     data, prior = information(problem, total, fit.theta)
     free = np.flatnonzero(~problem.known)
     scale = problem.space.scale
-    covariance = inverse_on(data + prior, free, scale)
+    covariance = problem.space.inverse(data + prior, free)
     estimates = []
     for _, part in folds(problem, _PARTS):
         rest = total - tempered(part, share)

@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...base import Finding, pin
-from ...core import body_names, inverse_on, number
+from ...base import Finding
+from ...core import number
 from ...lab import INTERVAL
 from ...robots import RobotModel
 from ..logs.recordings import Recordings
@@ -139,7 +139,7 @@ def _prediction(
     theta = minimise(problem, parts).theta
     free = np.flatnonzero(~problem.known)
     hessian = sum(information(problem, parts, theta))
-    covariance = inverse_on(np.asarray(hessian), free, problem.space.scale)
+    covariance = problem.space.inverse(np.asarray(hessian), free)
     value = float(theta[index])
     sd = float(np.hypot(np.sqrt(covariance[index, index]), _TOLD * abs(value)))
     for rival in fitted.made.rivals:  # that explain the log as well
@@ -219,7 +219,7 @@ def _elsewhere(
     gains = np.abs(np.log(theta[at] / fitted.fit.theta[at]))
     if gained < _BETTER or (gains < _MOVED).all():
         return None
-    names = _names(robot.model)
+    names = _names(robot)
     alike = [names[b - 1] for c, b, s, _ in found if c < cost + _BETTER and s == sources]
     where = " or ".join(dict.fromkeys([names[body - 1], *alike]))
     logs = ", ".join(file for file in files if file in sources)
@@ -240,9 +240,10 @@ def _elsewhere(
     return replace(options, loads=(*kept, *moved), contradicted=(*options.contradicted, finding))
 
 
-def _names(model: pin.Model) -> list[str]:
+def _names(robot: RobotModel) -> list[str]:
     """Names by which `carrier` finds the links behind all joints: of bodies, or else of joints."""
-    pairs = zip(body_names(model), list(model.names)[1:], strict=True)
+    model = robot.model
+    pairs = zip(robot.system.body_names, list(model.names)[1:], strict=True)
     return [body if model.existFrame(body) else joint for body, joint in pairs]
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...base import Finding, InvalidInput, UnknownName
-from ...core import Array, ParameterSpace
+from ...core import Array, ParameterSpace, number
 from ...lab import INTERVAL
 from ...report import Parameter, Status
 from .choose.columns import COLUMNS
@@ -140,7 +140,7 @@ def _relative_gains(
     found = {}
     deviation = np.array([exact.of(e) for e in np.eye(len(problem.space))[at]]) / fit.theta[at]
     weight = 1 / np.maximum(deviation, 1e-6) ** 2
-    for number, index in enumerate(at.tolist()):
+    for place, index in enumerate(at.tolist()):
         joint = problem.space.labels[index].partition(" of ")[2]
         if problem.known[index]:
             found[index] = ("known", "", None)
@@ -151,18 +151,18 @@ def _relative_gains(
             status: Status = "only in combination" if acts else "not excited"
             found[index] = (status, label if acts else "", None)
             continue
-        others = np.where(np.arange(len(at)) == number, 0.0, weight)
+        others = np.where(np.arange(len(at)) == place, 0.0, weight)
         weights = np.zeros(len(problem.space))
         if others.any():
             weights[at] = -others / others.sum() / fit.theta[at]
         weights[index] = 1 / fit.theta[index]
         apart = exact.of(weights)
         relative = INTERVAL * apart if others.any() else None
-        if others.any() and apart < np.clip(_NARROWED * spread[number], _SHARP, _BLUNT):
-            firm = INTERVAL * deviation[number] < _ABSOLUTE  # else only its ratio to other gains
+        if others.any() and apart < np.clip(_NARROWED * spread[place], _SHARP, _BLUNT):
+            firm = INTERVAL * deviation[place] < _ABSOLUTE  # else only its ratio to other gains
             words = "" if firm else f"{problem.space.labels[index]} over the other gains"
             found[index] = ("identified" if firm else "only in combination", words, relative)
-        elif not others.any() and INTERVAL * deviation[number] < _ABSOLUTE:
+        elif not others.any() and INTERVAL * deviation[place] < _ABSOLUTE:
             found[index] = ("identified", "", relative)
         else:
             words = f"friction and rotor inertia of {joint}{_TRADED}"
@@ -176,10 +176,10 @@ def in_words(expression: dict[int, float], space: ParameterSpace) -> str:
     size = {index: float(f"{abs(w) * space.scale[index]:.9g}") for index, w in expression.items()}
     terms = sorted(expression.items(), key=lambda item: -size[item[0]])
     words = ""
-    for number, (index, weight) in enumerate(terms[:_TERMS]):
+    for place, (index, weight) in enumerate(terms[:_TERMS]):
         sign = "−" if weight < 0 else "+"
         factor = "" if abs(abs(weight) - 1) < 5e-4 else f"{abs(weight):.3g} · "
-        lead = ("−" if weight < 0 else "") if not number else f" {sign} "
+        lead = ("−" if weight < 0 else "") if not place else f" {sign} "
         words += f"{lead}{factor}{space.labels[index]}"
     rest = len(terms) - _TERMS
     return words + (f" + {rest} more" if rest > 0 else "")
@@ -219,7 +219,7 @@ def suggest(problem: FitProblem, exact: Precision, parameters: tuple[Parameter, 
 
     best = None
     gained = 0.0
-    ends = np.zeros(2)  # rms half-widths before and after
+    ends = 0.0, 0.0  # median half-widths before and after
     masses = []
     for i, p in enumerate(parameters):
         if p.unit == "kg" and p.block != "rotor inertia" and p.status != "not excited":
@@ -227,18 +227,19 @@ def suggest(problem: FitProblem, exact: Precision, parameters: tuple[Parameter, 
     for i in [*free.tolist(), *masses]:
         if not exact.covariance[i, i] > 0 or not (free != i).any():
             continue
-        before, after = (_mean_square(halves(each, i)) for each in (exact, exact.knowing(i)))
+        before, after = (float(np.median(halves(each, i))) for each in (exact, exact.knowing(i)))
         if 1 - after / before > gained:
             best = i
             gained = 1 - after / before
-            ends = np.sqrt([before, after])
+            ends = before, after
     weak = [p.label for p in parameters if p.block == "motor gain" and _TRADED in p.combination]
     words = ""
     if best is not None and gained > _WORTH:
         words = (
             f"One known number would help most: {parameters[best].label} "
             f"(`--known {parameters[best].name}=…`) narrows the other gains from about "
-            f"±{100 * ends[0]:.2g} % to ±{100 * ends[1]:.2g} %."
+            f"±{number(100 * ends[0], significant=2)} % to "
+            f"±{number(100 * ends[1], significant=2)} %."
         )
     if weak:
         words += (
@@ -248,11 +249,7 @@ def suggest(problem: FitProblem, exact: Precision, parameters: tuple[Parameter, 
     return words.strip()
 
 
-def _mean_square(x: Array) -> float:
-    return float(np.mean(np.minimum(x, _NOTHING) ** 2))
-
-
-_WORTH = 0.1  # share of the squared half-widths that a suggestion must save
+_WORTH = 0.1  # share of the median half-width that a suggestion must save
 _SURE = 0.15  # standard deviation of the scale's logarithm, that of commands in N·m, below which a
 # known value fixes it
 _REMEDY = "Give one motor's gain{}, or weigh a load that one of two logs carries: --load."

@@ -137,10 +137,10 @@ def identify_forces(
     report("reading the model")
     robot = _robot(model, lock, joints)
     files, chosen = files_of(model, _listed(logs), mapping)
-    if chosen is not None and chosen.pd is not None:  # the servos' targets make torques
-        robot = replace(robot, findings=tuple(f for f in robot.findings if f.code != "servo"))
     report("reading the log")
     recordings = recordings_of(files, chosen, robot)
+    if recordings.feedback is not None:  # the servos' targets make torques
+        robot = replace(robot, findings=tuple(f for f in robot.findings if f.code != "servo"))
     other = chosen if validate_mapping is None else _read_map(validate_mapping)
     validation = _validation(_listed(validate), other, robot)
     if recordings.imu is not None:

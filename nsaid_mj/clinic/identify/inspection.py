@@ -6,16 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base import Finding
-from ...core import position_labels, velocity_labels
 from ...robots import RobotModel
 from ..logs import signals
 from ..logs.checks import checks
-from ..logs.imu import IMU_ROLES
 from ..logs.layout import Layout, apart, layout, with_angles
 from ..logs.mapping import Map
 from ..logs.preparation import prepare
 from ..logs.recordings import Recordings
 from ..logs.tables import Channel, LogTable
+from ..logs.unnamed import unnamed, unnamed_in_words
 from ..logs.unusable import UnmatchedChannels, UnusableLog
 
 _ALONE = Finding(
@@ -89,8 +88,13 @@ def inspect(
                     findings += (_ALONE,)
         except UnmatchedChannels as error:
             text = f"cannot determine which channels are {', '.join(error.missing)}"
-            text += f". {' '.join(error.reasons)}".rstrip(".")
+            reasons = error.reasons
             remedy = "Complete map.toml by hand and pass it with --map."
+            leaders = [joint for joint in robot.joints if joint in robot.leaders]
+            if robot.jointed and (told := unnamed(tables, leaders)):
+                reasons = (unnamed_in_words(told),)
+                remedy = "Check what map.toml says of them, complete it, and pass it with --map."
+            text += f". {' '.join(reasons)}".rstrip(".")
             findings += (Finding("warning", "unmatched", "", text, remedy),)
         except UnusableLog as error:
             findings = error.findings
@@ -165,8 +169,9 @@ def _roles(made: Layout, robot: RobotModel) -> dict[str, str]:
         for (name, _), source in zip(names, group, strict=False):
             if source is not None:
                 found[source.column.column] = f"{word} of {name}"
-    for source, role in zip(made.imu.sources if made.imu else (), IMU_ROLES, strict=False):
-        found[source.column.column] = role
+    if made.imu is not None:
+        for source, role in zip(made.imu.sources, made.imu.roles, strict=False):
+            found[source.column.column] = role
     return found
 
 
@@ -178,8 +183,8 @@ def signal_names(robot: RobotModel) -> dict[str, list[tuple[str, str]]]:
     v = robot.joints
     units = list(robot.units)
     if not robot.jointed:
-        q = position_labels(system)
-        v = velocity_labels(system)
+        q = system.position_labels
+        v = system.velocity_labels
     if system.group == 6:  # its attitude is a quaternion
         units[3:6] = [""] * 4
     return {

@@ -1,6 +1,7 @@
 """Terminal output and plot of an inspected log."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -9,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from rich.console import Console
 
+from ...base import Finding
 from ...core import Array, Log, number
 from ...report import (
     BAD,
@@ -22,7 +24,6 @@ from ...report import (
     Text,
     count,
     extremes,
-    gravest_first,
     png_of,
     print_findings,
     print_page,
@@ -38,13 +39,16 @@ _MOST = 40  # largest number of drawn channels of a log without a map
 
 
 def print_inspection(found: Inspection, console: Console) -> None:
-    """Prints whether the log can be identified, a line for each channel, then the findings.
+    """Prints whether the log can be identified and why not, every channel, then the notes.
 
     "flat" is the share of rows at a flat extreme, "same" of those that repeat the value before; a
     column without any entry is left out.
     """
-    if (result := result_of(found)).explains is not None:
-        print_page(Page("", result), console)
+    result = result_of(found)
+    findings = Finding.gravest_first(found.findings)
+    grave = tuple(finding for finding in findings if finding.level != "note")
+    if result.explains is not None:
+        print_page(Page("", replace(result, findings=grave)), console)
     heads = ("channel", "from", "to", "noise", "step", "flat", "same", "used as")
     for clock in dict.fromkeys(map(_clock, found.channels)):
         own = [channel for channel in found.channels if _clock(channel) == clock]
@@ -55,8 +59,11 @@ def print_inspection(found: Inspection, console: Console) -> None:
         table = Table(heads, lines, (0, len(heads) - 1), most=len(lines)).without_empty_columns()
         rest = [Text(f"… and {more} more, which --json lists")] if more > 0 else []
         print_panels([Text(clock), table, *rest], console)
-        console.print()
-    print_findings(gravest_first(found.findings), console, whole=True)
+    console.print()
+    if result.explains is None:
+        print_findings(grave, console, whole=True)
+    notes = [finding for finding in findings if finding.level == "note"]
+    print_findings(notes, console, whole=True)
 
 
 def result_of(found: Inspection) -> Result:

@@ -10,6 +10,7 @@ system, whose regressor is computed and filtered once; a choice takes some of th
 
 from __future__ import annotations
 
+import copy
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -17,7 +18,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from ...core import Array, Block, Column, Indices, ParameterSpace, Rotor, slides
+from ...core import Array, Block, Column, Indices, ParameterSpace, Rotor
 from ...robots import RobotModel
 from ..logs.recordings import Recordings
 from .choose.columns import (
@@ -184,6 +185,15 @@ class JointRows(Rows):
         found[:, list(coupling.leaders)] = np.einsum("jk,njp->nkp", coupling.ratio, rows)
         return found
 
+    def leading(self, lead: float) -> JointRows:
+        """The rows with dry friction that turns so long [s] before the velocity does."""
+        found = copy.copy(self)
+        found.motions = [motion._replace(v=motion.v + lead * motion.a) for motion in self.motions]
+        found.diagonal = Diagonal(found._fastened)
+        same = [name for name in self.diagonal if name not in FASTENED]
+        found.diagonal.update({name: self.diagonal[name] for name in same})
+        return found
+
     def reweigh(self, links: Array) -> None:
         """Has load-dependent friction computed from the weight of links of parameters (10 b,)."""
         self.loading = links
@@ -221,6 +231,13 @@ class JointRows(Rows):
         """(N,) tanh((v_i ± v_j)/s) of two coupled joints, s by its index in `SPEEDS`."""
         return self._entries["shared_coulomb", i, SPEEDS[speed], j]
 
+    def carried(self) -> Iterator[tuple[Block, Array]]:
+        """Every load and its columns (N, n, 10): its link's, in the logs that carry it."""
+        for load in payloads(self.robot.model, self.loads):
+            logs = np.array([s.source in load.sources for s in self.recordings.segments])
+            own = self.links[:, :, load.place] * logs[self.segment, None, None]
+            yield load.block, own
+
     def problem(self, choice: Choice) -> FitProblem:
         """The fit of a structure, with columns and delays of `choice`."""
         model = self.robot.model
@@ -239,7 +256,7 @@ class JointRows(Rows):
             (self._gains(), self.gain[driven], self.spread[driven]),
         ]
         blocks, prior, spread = zip(*parts, strict=True)
-        space = ParameterSpace((*link_blocks(model), *blocks))
+        space = ParameterSpace((*link_blocks(self.robot), *blocks))
         sizes = sizes_of_links(model, self.links[self.usable], self._weight)
         loaded = {name: load.place.start // 10 for load in carried for name in load.block.names}
         stated = np.zeros(len(space), dtype=bool)
@@ -278,10 +295,8 @@ class JointRows(Rows):
         places, keys = _places(*choice.coupling_terms(space))
         for (row, parameter), key in zip(places, keys, strict=True):
             Y[:, row, parameter] = self._entries[key]
-        for load in payloads(self.robot.model, self.loads):  # columns of its link, in some logs
-            carried = [s.source in load.sources for s in self.recordings.segments]
-            own = self.links[:, :, load.place] * np.array(carried)[self.segment, None, None]
-            Y[:, :, space[load.block.name]] = own
+        for block, own in self.carried():
+            Y[:, :, space[block.name]] = own
         # motors are linear in their commands: the rows of their columns are those of the commands'
         driving = with_columns(self.system, motors(space, self.driven), [], len(space))
         at = space.actuators
@@ -302,7 +317,7 @@ class JointRows(Rows):
         return found * np.sqrt(mean_squares(moving, usable))[:, None]
 
     def _slides(self, joint: int) -> bool:
-        return slides(self.robot.model.joints[joint + 1])
+        return self.robot.system.slides[joint]
 
     def _on_joints(self, choice: Choice, force: Array) -> Iterator[Part]:
         """Rotors, friction, springs and offsets; force (k,) is typical of each joint."""

@@ -12,6 +12,7 @@ import numpy as np
 from ...base import Finding
 from ...core import (
     Array,
+    Confidence,
     EfficientConfig,
     Identifier,
     Log,
@@ -20,7 +21,6 @@ from ...core import (
     NullspaceAID,
     State,
     Status,
-    gain_deviations,
 )
 from ...lab import (
     INTERVAL,
@@ -33,7 +33,6 @@ from ...lab import (
     followed,
     misfit_of,
 )
-from ...report import gravest_first
 from ...robots import RobotModel
 from ..logs.recordings import Recordings
 from .choose.cutoff import filter_for
@@ -66,7 +65,7 @@ class _Watch(Observer):
         """Keeps the estimate of a sample."""
         state = states[""]
         space = self._identifier.system.space
-        stated = gain_deviations(self._identifier.confidence(state), state.theta_hat, space)
+        stated = Confidence.of_gains(self._identifier.confidence(state), state.theta_hat, space)
         self.rows.append((float(log.t[-1]), state.theta_hat, stated))
 
     def stop(self) -> None:
@@ -87,7 +86,7 @@ def with_law(
     report(f"following the log by law {law}")
     with nullcontext(folder) if folder else TemporaryDirectory(prefix="nsaid-mj-") as place:
         along = follow_log(law, found, Path(place))
-    findings = gravest_first((*found.findings, *law_findings(along)))
+    findings = Finding.gravest_first((*found.findings, *law_findings(along)))
     return replace(found, law=along, findings=findings)
 
 

@@ -20,11 +20,8 @@ from ...core import (
     Block,
     Indices,
     SecondOrderSystem,
-    body_names,
-    floats,
-    link_block,
-    positions,
 )
+from ...robots import RobotModel
 from .loads import Load
 from .problem import size_weights
 
@@ -92,27 +89,22 @@ def file_links(model: pin.Model) -> Array:
     )
 
 
-def weight_of(model: pin.Model, coordinates: Array) -> Array:
-    """(N, n) torques of the links' weight at coordinates (N, n)."""
+def weight_of(model: pin.Model, positions: Array) -> Array:
+    """(N, n) torques of the links' weight at Pinocchio's positions (N, m)."""
     data = model.createData()
-    found = np.empty((len(coordinates), model.nv))
-    for k, q in enumerate(positions(model, coordinates)):
+    found = np.empty((len(positions), model.nv))
+    for k, q in enumerate(positions):
         found[k] = pin.computeGeneralizedGravity(model, data, q)
     return found
 
 
-def link_blocks(model: pin.Model) -> list[Block]:
+def link_blocks(robot: RobotModel) -> list[Block]:
     """The links' blocks of θ, of a floating base number 0."""
     from ...lab import extent
 
-    names = body_names(model)
-    base = int(floats(model))
-    blocks = []
-    for i in range(1, model.njoints):
-        inertia = model.inertias[i]
-        length = max(extent(inertia), 1e-3)
-        blocks.append(link_block(i - base, names[i - 1], float(inertia.mass), length))
-    return blocks
+    links = list(robot.model.inertias)[1:]
+    lengths = [max(extent(inertia), 1e-3) for inertia in links]
+    return robot.system.link_blocks([float(inertia.mass) for inertia in links], lengths)
 
 
 _GRIPPERS = {"gripper", "jaw", "finger", "hand"}
@@ -185,7 +177,7 @@ def payloads(model: pin.Model, loads: Sequence[Load]) -> list[CarriedLoads]:
     for number, (load, sources) in enumerate(grouped.items(), 1):
         joint, centre, known = carrier(model, load)
         name = "payload" if len(grouped) == 1 else f"payload_{number}"
-        block = link_block(number, name, load.mass, _ANYWHERE)
+        block = Block.of_link(number, name, load.mass, _ANYWHERE)
         block = replace(block, name=name, names=tuple(f"payload_{x}" for x in block.names))
         prior = ball_at(model, joint, load.mass)
         if known:

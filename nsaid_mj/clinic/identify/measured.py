@@ -19,12 +19,12 @@ from ...core import (
     CompiledMultibody,
     Geometry,
     Identifier,
+    JointTree,
     NullspaceAID,
     ParameterSpace,
     Rotor,
     Status,
     drawn_inside,
-    rebuilt,
 )
 from ...lab import (
     MOST_STEPS,
@@ -41,7 +41,7 @@ from ...lab import (
     nominal_scales,
 )
 from ...lab import columns as columns_of
-from ...robots import RobotModel, links_of
+from ...robots import RobotModel
 from .links import file_links
 from .models import load_robot_model
 from .result import Identification
@@ -288,14 +288,14 @@ class LogRobot(MeasuredRobot):
         """Structure, prior and looks of a robot with a loaded model."""
         own = model.system
         if model.jointed:
-            own = links_of(model.model, np.array(self.speed), np.array(self.command))
+            own = JointTree.links(model.model, np.array(self.speed), np.array(self.command))
         structure = own.structure
         space = ParameterSpace(tuple(block.block() for block in self.blocks))
         columns = [*structure.columns, *(each.column for each in self.columns)]
         rotors = [*structure.rotors, *(Rotor(*each) for each in self.rotors)]
         structure = replace(structure, columns=columns, rotors=rotors, p=len(space))
         prior = drawn_inside(space, np.array(self.prior), 0.0, np.random.default_rng(0))
-        return RobotDescription(rebuilt(own, structure, space), prior, model.visuals)
+        return RobotDescription(own.rebuilt(structure, space), prior, model.visuals)
 
 
 def log_robot(found: Identification) -> LogRobot:

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...core import Array, bones
+from ...core import Array
 from ...report import BAD, COLOURS, GRID, INK, WIDTH, style, svg
 from ...report import Figure as PageFigure
 from . import wording
@@ -21,6 +21,7 @@ _UP = np.array(
         np.cos(_ELEVATION),
     ]
 )
+_COLUMN = 9  # names in one column, at most: a second one takes a third of the width
 _COLOURS = {"good": COLOURS[3], "fair": COLOURS[5], "poor": BAD}
 
 
@@ -33,7 +34,7 @@ def picture(result: Identification) -> PageFigure | None:
     )
     if model is None or model.njoints < 2 or not np.isfinite(segment.log.q[0]).all():
         return None
-    segments = bones(model, poses(result.robot, result.recordings, first)[0])[0]
+    segments = result.robot.system.bones(poses(result.robot, result.recordings, first)[0])[0]
     flat = segments @ np.stack([_RIGHT, _UP], axis=1)  # (bones, 2 ends, 2 axes)
     size = float(np.ptp(flat.reshape(-1, 2), axis=0).max())
     if not np.isfinite(size) or size <= 0:
@@ -66,7 +67,7 @@ def picture(result: Identification) -> PageFigure | None:
             axis.plot(*at, "o", color=colour, markersize=6.5, zorder=3)
         _labels(axis, names, joints, low, high, figure)
         legend = [
-            (words_, colour, "-")
+            (words_, colour, ".")
             for kind, words_, colour in (
                 ("good", "held-out NRMSE < 20 %", _COLOURS["good"]),
                 ("fair", "< 50 %", _COLOURS["fair"]),
@@ -88,11 +89,11 @@ def _floor(segments: Array, size: float) -> Array:
 def _labels(
     axis: Axes, names: list[str], joints: Array, low: Array, high: Array, figure: Figure
 ) -> None:
-    """Names in two columns beside the robot, each with a line to its joint."""
+    """Names in one column beside the robot, two if they are many, each with a line to its joint."""
     middle = np.median(joints[:, 0])
     order = np.argsort(joints[:, 0], kind="stable")
     left, right = np.array_split(order, 2)
-    if len(names) <= 3 or np.ptp(joints[:, 0]) < 1e-9 * max(1.0, abs(middle)):
+    if len(names) <= _COLUMN or np.ptp(joints[:, 0]) < 1e-9 * max(1.0, abs(middle)):
         left = np.zeros(0, dtype=int)
         right = np.arange(len(names))
     width, height = figure.get_size_inches()

@@ -24,7 +24,6 @@ from ...report import (
     folds,
     item_lines,
     lines_of,
-    markdown,
     path,
     result_view,
     robot_view,
@@ -72,7 +71,7 @@ def record(page: Page, file: Path) -> Path:
     ends = [float(p.t[-1]) for p in result.curves if isinstance(p, Comparison) and len(p.t)]
     plots = Plots(lines, max(ends) if ends else None)
     layout = _blueprint(result, camera, plots)
-    documents = {"result": markdown(page), "parameters": "\n".join(item_lines(folds(result)))}
+    documents = {"result": page.markdown(), "parameters": "\n".join(item_lines(folds(result)))}
     return write_recording(file, result.robot.name, layout, documents, lines, draw)
 
 
@@ -183,8 +182,7 @@ def joint_pages(
     errors = [-error if math.isfinite(error) else -math.inf for _, _, error, _ in joints]
     worst = sorted(np.argsort(errors, kind="stable")[:_FIRST].tolist())
     columns = 1 if len(worst) < 4 else 2
-    views = [plots(entity, title, RIGHT / columns) for entity, title in (shown[j] for j in worst)]
-    grid = rrb.Grid(*views, grid_columns=columns)
+    grid = plots.grid([plots(*shown[j], RIGHT / columns) for j in worst], columns)
     pages: list[rrb.Container] = [views_beside(left, grid, "Overview", [1, 1])]
     if len(joints) > _FIRST:
         pages += paged(f"{entity.capitalize()}s", plots, shown)
@@ -209,7 +207,7 @@ def paged(
         width = 1 / columns_of(len(shown))
         views = [plots(entity, told, width, legend) for entity, told in some]
         title = name if len(shown) <= _PAGE else f"{name} {start + 1} – {start + len(some)}"
-        pages.append(rrb.Grid(*views, grid_columns=columns_of(len(some)), name=title))
+        pages.append(plots.grid(views, columns_of(len(some)), title))
     return pages
 
 
@@ -262,6 +260,6 @@ def record_servos(page: Page, replayed: Replayed, file: Path) -> Path:
             table([p for p in found.parameters if p.label.endswith(f" of {name}")]),
         )
     ]
-    documents = {"result": markdown(page), "parameters": "\n".join(item_lines(by_joint))}
+    documents = {"result": page.markdown(), "parameters": "\n".join(item_lines(by_joint))}
     layout = whole_blueprint(*pages, parameters())
     return write_recording(file, found.robot.name, layout, documents, lines, draw)

@@ -87,6 +87,7 @@ class Structured(NamedTuple):
     # commands (N, k) as they act, apart from `delays`, from those at a rate [Hz]
     acting: Callable[[Array, float], Array] = lambda u, _: u
     coupled: tuple[tuple[int, int, int], ...] = ()  # pairs (i, j, ±1) of joints with a common motor
+    loaded: frozenset[str] = frozenset()  # files in which the robot carries a load
     columns: Sequence[Column] = ()  # that the choice adds to the robot's own system
     rotors: Sequence[Rotor] = ()  # the same of rotors
     # (d, p) changes of θ̂ by errors that no log tells, such as of a foot's place, one standard

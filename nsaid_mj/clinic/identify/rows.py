@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...core import Array, Block, Column, ParameterSpace, Rotor, SecondOrderSystem, rebuilt
+from ...core import Array, Block, Column, ParameterSpace, Rotor, SecondOrderSystem
 from ..logs.recordings import LogSegment, Recordings
 from .smoothing import Filter, Smooth
 
@@ -105,7 +105,7 @@ def unrolled(system: SecondOrderSystem) -> SecondOrderSystem:
         replace(body, joint="hinge") if body.joint == "circle" else body
         for body in system.structure.bodies
     ]
-    return rebuilt(system, replace(system.structure, bodies=bodies), system.space)
+    return system.rebuilt(replace(system.structure, bodies=bodies), system.space)
 
 
 def with_columns(
@@ -115,4 +115,4 @@ def with_columns(
     unnamed = Block("unnamed", tuple(map(str, range(p))), ("1",) * p, np.ones(p), "free")
     own = system.structure
     more = {"columns": [*own.columns, *columns], "rotors": [*own.rotors, *rotors]}
-    return rebuilt(system, replace(own, p=p, **more), ParameterSpace((unnamed,)))
+    return system.rebuilt(replace(own, p=p, **more), ParameterSpace((unnamed,)))

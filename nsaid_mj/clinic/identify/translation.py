@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...base import Finding
-from ...core import Array, SecondOrderSystem, number, rate_labels
+from ...core import Array, SecondOrderSystem, number
 from ...robots import RobotModel
 from ..logs.recordings import LogSegment, Recordings
 from ..logs.signals import low_pass
@@ -202,7 +202,7 @@ class _Filled:
 
 def stated(robot: RobotModel, found: Completed) -> list[Finding]:
     """What is identified of such a log, and what that costs."""
-    names = rate_labels(robot.system)
+    names = robot.system.rate_labels
     used = [name for name, own in zip(names, found.used, strict=True) if own]
     rest = [name for name, own in zip(names, found.used, strict=True) if not own]
     largest = number(float(100 * found.shares[found.used].max()), significant=2)

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ...base import pin
-from ...core import Array, kernel, positions, slides
+from ...core import Array, kernel
 from ...robots import with_inertias
 from .choose.columns import BROAD, SPEEDS, Choice
 from .joints import JointRows
@@ -58,21 +58,22 @@ def arm_suspects(
     yield from _own(rows, choice)
     torque = rows.links @ links
     names = rows.robot.joints
+    at = rows.robot.system.position
     down = model.gravity.linear.copy()
     if np.linalg.norm(down) > 0:
         columns = []
         for gravity in np.linalg.svd(down[None])[2][1:] * np.linalg.norm(down):
             tilted = pin.Model(model)
             tilted.gravity = pin.Motion(gravity, np.zeros(3))
-            columns.append(rows.joined(lambda m, model=tilted: weight_of(model, m.q)))
+            columns.append(rows.joined(lambda m, model=tilted: weight_of(model, at(m.q))))
         remedy = "Check how the base is mounted; if it is tilted, tilt the model's gravity."
         yield Suspect("gravity across the model's vertical", "", np.stack(columns, 2), remedy)
-    parts = [[rows.chosen.rows(x) for x in _changes(model, m)] for m in rows.motions]
+    parts = [[rows.chosen.rows(x) for x in _changes(model, at(m.q), m)] for m in rows.motions]
     found = [np.concatenate(kind) for kind in zip(*parts, strict=True)]
     twists = _rates(rows, torque)
     answered = _answered(rows, model, rotor, residual)
     for j, name in enumerate(names):
-        kind = int(slides(rows.robot.model.joints[j + 1]))
+        kind = int(rows.robot.system.slides[j])
         zero, by_v, by_a, scale, *plays = (change[:, :, j, None] for change in found)
         remedy = "Check the encoder's zero against the model's."
         yield Suspect("an offset of its position", name, zero, remedy, most=MOST["zero"][kind])
@@ -157,18 +158,19 @@ def command_suspects(t: Array, forces: Array, names: Sequence[str]) -> Iterator[
         yield Suspect("its force times the time", name, (own * late)[:, :, None], fading)
 
 
-def _changes(model: pin.Model, motion: Smooth) -> Iterator[Array]:
+def _changes(model: pin.Model, positions: Array, motion: Smooth) -> Iterator[Array]:
     """(N, n, n) changes of all joints' torques with each joint's motion, one kind after the other.
 
     The derivatives by position, velocity and acceleration, the change by a relative scale of the
     position, and that by each of `PLAYS` behind an encoder on the motor's side. `model` has the
-    estimated links. One by one, as together they would need several times the memory of a long log.
+    estimated links; positions (N, m) are Pinocchio's. One by one, as together they would need
+    several times the memory of a long log.
     """
     data = model.createData()
     n = model.nv
     slopes = np.empty((len(motion.t), 3, n, n))
     torques = np.empty((len(motion.t), n))
-    for k, q in enumerate(positions(model, motion.q)):
+    for k, q in enumerate(positions):
         slopes[k] = pin.computeRNEADerivatives(model, data, q, motion.v[k], motion.a[k])
         torques[k] = data.tau
     yield from slopes.swapaxes(0, 1)
@@ -219,7 +221,7 @@ def _answered(rows: JointRows, model: pin.Model, rotor: Array, residual: Array) 
     """
     data = model.createData()
     found = np.empty((*residual.shape, model.nv))
-    for k, q in enumerate(positions(model, rows.joined(lambda m: m.q))):
+    for k, q in enumerate(rows.robot.system.position(rows.joined(lambda m: m.q))):
         upper = np.triu(pin.crba(model, data, q))
         inertia = upper + np.triu(upper, 1).T
         found[k] = inertia * np.linalg.solve(inertia + np.diag(rotor), residual[k])

@@ -14,14 +14,12 @@ from ...core import (
     Column,
     ParameterSpace,
     SecondOrderSystem,
-    rate_labels,
-    rebuilt,
 )
 from ...lab import smoothed
 from ...robots import RobotModel
 from ..logs.recordings import LogSegment, Recordings
 from .choose.columns import MANOEUVRES, further_columns, further_names, offered
-from .choose.thruster_curve import ThrusterCurve
+from .choose.thruster_curve import ThrusterCurve, sheet_curve
 from .choose.timing import Timing
 from .dry_mass import scale_deviation
 from .joints import FILE
@@ -59,7 +57,7 @@ class VehicleRows(Rows):
         self._commanded = sorted({c.parameter for c in own.columns if c.input >= 0})
         acting = [c for c in own.columns if c.parameter in self._commanded]
         self._only = replace(own, inertias=(), rotors=(), columns=acting)
-        self._driven = {ThrusterCurve(): rebuilt(self.system, self._only, self.system.space)}
+        self._driven = {ThrusterCurve(): self.system.rebuilt(self._only, self.system.space)}
         ends = [(s.log.u.min(axis=0), s.log.u.max(axis=0)) for s in recordings.segments]
         low, high = (np.array(x) for x in zip(*ends, strict=True))
         moving = np.flatnonzero(high.max(axis=0) > low.min(axis=0))
@@ -103,7 +101,7 @@ class VehicleRows(Rows):
         if curve not in self._driven:
             columns = [curve.column(c) if c.kind == "thruster" else c for c in self._only.columns]
             only = replace(self._only, columns=columns)
-            self._driven = {curve: rebuilt(self.system, only, self.system.space)}
+            self._driven = {curve: self.system.rebuilt(only, self.system.space)}
         return self._driven[curve]
 
     def acting_on_sheet(self, u: Array, rate: float, timing: Timing) -> Array:
@@ -111,7 +109,7 @@ class VehicleRows(Rows):
         found = self.acting(u, rate, timing)
         if timing.curve != ThrusterCurve():
             for column in self.thrusters:
-                own = np.asarray(column.constants["curve"])
+                own = sheet_curve(column)
                 found[:, column.input] = timing.curve.as_sheets(found[:, column.input], own)
         return found
 
@@ -205,7 +203,7 @@ class VehicleRows(Rows):
         """A block of one further parameter per velocity, or of those of manoeuvring."""
         units = self.system.velocity_units
         force = ["N" if unit == "m/s" else "N·m" for unit in units]
-        labels = rate_labels(self.system)
+        labels = self.system.rate_labels
         at = self.system.space.actuators
         size = np.sqrt(np.mean((rows[:, :, at] @ self._prior[at]) ** 2, axis=0))
         size = np.maximum(size, 1e-3 * max(float(size.max()), 1e-9))

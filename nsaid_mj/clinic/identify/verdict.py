@@ -123,8 +123,8 @@ def _of_predictions(joints: Sequence[JointStructure], arm: bool) -> tuple[Explai
     values = np.array([part.error for part in parts])
     worst = joints[int(np.argmax(values))]
     figures = (
-        f"on held-out data it misses {_range(held_out)} of the commands' variation"
-        f"{_in_forces(worst)} (100 %: no better than the mean)"
+        f"on held-out data its error is {_range(held_out)} of each command's standard deviation "
+        f"(100 % would be no better than predicting the mean){_in_forces(worst)}"
     )
     checked = [j.validation for j in joints if j.validation is not None]
     if np.isfinite(checked).any():
@@ -166,7 +166,7 @@ def _in_forces(worst: JointStructure) -> str:
     """The largest error in the unit of a force."""
     if not worst.force > 0:
         return ""
-    return f", most at {worst.name}: {worst.held_out * worst.force:.2g} {worst.unit}"
+    return f", largest at {worst.name}: {worst.held_out * worst.force:.2g} {worst.unit}"
 
 
 def _range(nrmse: Array) -> str:

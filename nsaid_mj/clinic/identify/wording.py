@@ -2,7 +2,7 @@
 
 import math
 
-from ...core import ABSENT, number, slides
+from ...core import ABSENT, number
 from ...report import EXPLAINS, Mark, estimate, statistic
 from .result import AlongLog, Identification, JointStructure
 
@@ -49,7 +49,7 @@ def quantity(result: Identification, joint: int) -> tuple[str, str]:
         angular = len(units) == len(names) and units[joint].startswith("rad")
         return ("torque", "N·m") if angular else ("force", "N")
     if result.robot.held and len(result.gains) < len(names):
-        hinge = not slides(result.robot.model.joints[joint + 1])
+        hinge = not system.slides[joint]
         return ("torque", "N·m") if hinge else ("force", "N")
     units = result.recordings.command_units
     return "u", units[joint] if len(units) == len(names) else ""

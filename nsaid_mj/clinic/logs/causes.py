@@ -28,6 +28,7 @@ from .remedies import remedy_of
 DEGREES = 180 / np.pi
 AGREES = 0.9  # correlation of a velocity with dq/dt below which they contradict each other
 FACTOR = 0.15  # relative error of a velocity's scale that noise and delay do not explain
+_SETTLES = 0.5  # such an error up to which a held target of a PD law may be its cause
 _SAME = 0.3  # relative error of a velocity below which it is that of a position
 _UNIT = 0.04  # relative difference of a factor and that of a unit that it may be
 _ALIKE = 0.06  # spread of factors that one cause explains
@@ -98,11 +99,12 @@ def finding_of(judged: Sequence[RankedCause], where: str, data: dict[str, object
 
 
 def velocity_causes(
-    motion: LogMotion, robot: RobotModel, measured: Sequence[int]
+    motion: LogMotion, robot: RobotModel, measured: Sequence[int], held: bool = False
 ) -> tuple[list[Finding], LogMotion]:
     """Contradictions of velocities and dq/dt, one finding for each cause, and the mended motion.
 
-    `measured` are the joints with a velocity of their own that move.
+    `measured` are the joints with a velocity of their own that move; `held` is whether they follow
+    targets that hold from row to row, by a PD law.
     """
     found, motion = _clocks_of_files(motion, measured)
     measured = [j for j in measured if np.ptp(motion.q[:, j]) > 1e-9 and np.std(motion.v[:, j]) > 0]
@@ -121,6 +123,9 @@ def velocity_causes(
         data = {"factor": float(factors[j]), "correlation": float(together[j])}
         found.append(Finding(level, "velocity_mismatch", robot.joints[j], text, remedy, data))
     measured = [j for j in measured if abs(together[j]) >= AGREES]
+    if held and (fast := [j for j in measured if FACTOR < abs(factors[j] - 1) < _SETTLES]):
+        found.append(_settling(motion, robot, fast, factors))
+        measured = [j for j in measured if j not in fast]
     for _ in measured:
         _, factors = _relation(motion)
         group = _largest_group(factors, measured)
@@ -134,6 +139,18 @@ def velocity_causes(
         found.append(finding_of(judged, "" if shared else ", ".join(names), data))
         motion = judged[0].cause.apply(motion)
     return found, motion
+
+
+def _settling(motion: LogMotion, robot: RobotModel, fast: Sequence[int], factors: Array) -> Finding:
+    """The finding of joints that move and settle between two rows, while their targets hold."""
+    names = [robot.joints[j] for j in fast]
+    ratios = ", ".join(number(factors[j], significant=3) for j in fast)
+    text = f"dq/dt is {ratios} times the velocity: the joint reaches its target within the "
+    text += f"{1e3 / motion.rate:.3g} ms between two rows, so that velocities at the rows are not "
+    text += "those between them"
+    remedy = "Record at a higher rate than that of the targets, such as 200 Hz."
+    data = {"joints": names, "factors": [float(factors[j]) for j in fast]}
+    return Finding("warning", "settles_between_rows", ", ".join(names), text, remedy, data)
 
 
 def _relation(motion: LogMotion) -> tuple[Array, Array]:

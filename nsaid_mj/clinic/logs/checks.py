@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...base import Finding, pin, refused
-from ...core import Array, number, positions, rounded, slides
+from ...base import Finding, pin
+from ...core import Array, number, rounded
 from ...robots import RobotModel
 from .causes import CLEAR, DEGREES, velocity_causes
 from .command_causes import command_causes
@@ -31,7 +31,7 @@ _ROWS = 2000  # at most, for the model's torques
 def checked(recordings: Recordings, robot: RobotModel) -> Recordings:
     """The recordings with the findings of `checks`; raises `UnusableLog` on a refusal."""
     findings = (*recordings.findings, *checks(recordings, robot))
-    if refused(findings):
+    if Finding.refused(findings):
         raise UnusableLog(findings)
     return replace(recordings, findings=findings)
 
@@ -79,19 +79,26 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     }
     names = enumerate(robot.joints)
     measured = [j for j, name in names if name not in derived and j not in resting]
-    said, motion = velocity_causes(motion, robot, measured)
+    under_pd = recordings.feedback is not None
+    said, motion = velocity_causes(motion, robot, measured, held=under_pd)
     found += said
     reported = {name for finding in found for name in finding.where.split(", ")}
     speeds = np.quantile(np.abs(motion.slopes), 0.95, axis=0)
     beyond = beyond_limits(motion.q, speeds, robot)
     beyond = [f for f in beyond if f.where not in reported]
-    geared = None if refused(found) else motor_side(motion, robot, measured)
+    geared = None if Finding.refused(found) else motor_side(motion, robot, measured)
     found += in_degrees(beyond, robot, measured, motion) if geared is None else [geared]
     if recordings.imu is not None:  # what follows compares commands with motion on a fixed base
+        if not Finding.refused([*found, *recordings.findings]):
+            from ..identify.ground.conventions import convention_findings
+            from ..identify.models import floating
+
+            found += convention_findings(floating(robot), recordings)
         return _first_clocks(found)
-    if not refused(f for f in found if f.code in ("beyond_limits", "degrees", "motor_side")):
-        found += command_causes(motion, robot)
-    if not robot.weightless and not refused(found):
+    wrong = ("beyond_limits", "degrees", "motor_side")
+    if not Finding.refused(f for f in found if f.code in wrong):
+        found += command_causes(motion, robot, timed=bool(measured))
+    if not robot.weightless and not Finding.refused(found):
         found += _large_commands(motion, recordings, robot)
     return _first_clocks(found)
 
@@ -174,7 +181,7 @@ def beyond_limits(q: Array, speeds: Array, robot: RobotModel) -> list[Finding]:
         least = float(q[:, j].min())
         most = float(q[:, j].max())
         data = {"range": [least, most], "limits": [low, high]}
-        slide = slides(robot.model.joints[robot.model.getJointId(name)])
+        slide = robot.system.slides[j]
         unit = "m" if slide else "rad"
         reach = f"the position goes from {least:.3g} to {most:.3g} {unit}"
         if not np.isfinite([low, high]).all():
@@ -260,7 +267,7 @@ def _large_commands(motion: LogMotion, recordings: Recordings, robot: RobotModel
     model = robot.model
     data = robot.model.createData()
     accelerations = np.gradient(motion.v, 1 / recordings.rate, axis=0)
-    some = (positions(model, motion.q), motion.v, accelerations)
+    some = (robot.system.position(motion.q), motion.v, accelerations)
     rows = zip(*(x[:: len(motion.q) // _ROWS or 1] for x in some), strict=True)
     torques = np.array([pin.rnea(model, data, *row) for row in rows])  # without friction
     size = _rms(motion.u)

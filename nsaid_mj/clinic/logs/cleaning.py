@@ -144,8 +144,10 @@ def _clean_one(
         good = np.setdiff1d(np.arange(len(x)), bad)
         away = float(np.max(np.abs(x[bad] - np.interp(t[bad], t[good], x[good]))))
         x[bad] = np.interp(t[bad], t[good], x[good])
-        text = f"outliers (up to {number(away, significant=3)} from their neighbours) were "
-        text += "interpolated"
+        one = len(bad) == 1
+        far = f"{'' if one else 'up to '}{number(away, significant=3)}"
+        text = f"outlier{'' if one else 's'} ({far} from {'its' if one else 'their'} neighbours) "
+        text += f"{'was' if one else 'were'} interpolated"
         findings.append(about_rows("note", "outliers", where, row[bad], text))
     last = len(t) - 1
     doubtful = np.column_stack([t[np.maximum(bad - 1, 0)], t[np.minimum(bad + 1, last)]])

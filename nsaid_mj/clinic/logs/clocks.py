@@ -13,6 +13,7 @@ _CORE = {"t", "time", "timestamp", "timestamps", "stamp", "datetime", "date", "c
 _AROUND = {"header", "system", "robot", "elapsed", "rel", "relative", "log", "sample", "utc", "ros"}
 _EPOCH = {"s": 1e9, "ms": 1e12, "us": 1e15, "ns": 1e18}  # times since 1970, from 2001 to 2033
 
+_MOMENT = 5.0  # duration [s] below which no log is worth recording
 _LATEST = 9 * 10**9  # seconds that fit into 64 bits as nanoseconds
 _SECONDS = re.compile(r"(.*?)(?:secs?|seconds|s)", re.IGNORECASE)
 _NANOSECONDS = re.compile(r"(.*?)(?:n(?:ano)?secs?|nanoseconds|ns)", re.IGNORECASE)
@@ -112,8 +113,14 @@ def _unit_of(times: Array) -> str:
     steps = np.diff(times.astype(np.float64))
     steps = steps[steps > 0]
     step = float(np.median(steps)) if len(steps) else 0.0
-    # 5 Hz to 20 kHz; a step of whole numbers is not a second
-    return "s" if step < 0.5 else "ms" if step < 50 else "us" if step < 5e4 else "ns"
+    if step < 0.5:  # a step of whole numbers is not a second
+        return "s"
+    # rows follow at 20 Hz to 20 kHz; at 2 to 20 Hz if at 2 to 20 kHz all would be over in a moment
+    for unit, longest, finer in (("ms", 50.0, 1e6), ("us", 5e4, 1e9)):
+        brief = len(steps) * step < _MOMENT * finer
+        if step < (10 * longest if brief else longest):
+            return unit
+    return "ns"
 
 
 def _says_time(name: str) -> bool:

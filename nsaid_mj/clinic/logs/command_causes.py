@@ -27,6 +27,7 @@ from .evidence import (
     thinned,
 )
 from .remedies import remedy_of
+from .retiming import BentLinks, Retimed, retimed
 
 _CLEARLY = 0.5  # ratio of the errors of two signs of a command below which one is certain
 _EXPLAINED = 0.6  # share of a command left unexplained above which its sign is not certain
@@ -37,18 +38,17 @@ _FITS = 0.05  # error of the commands up to which axes and base are not doubted
 _BETTER = 0.7  # product of the joints' ratios of errors below which one more axis is turned
 _TURNED = 0.2  # such a product below which a turned axis or base is certain
 _OUTSIDE = 2.0  # factor of the error of a joint that leaves the model's limits
-_RETIMED = 0.1  # such a product below which a clock is wrong that no velocity contradicts
-_TIMES = (0.07, 0.1, 0.2, 0.33, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0, 10.0, 14.0)  # clocks to try
 _USUAL = (0.1, 0.2, 0.25, 0.4, 0.5, 1.0, 2.0, 2.5, 4.0, 5.0, 10.0)  # those that are likely
 _NEAR = 0.03  # relative difference from a likely one at which it is taken
 _NEVER = 20.0  # such a handicap that excludes the other sign
 _OTHER_BASES = np.array([[0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, -1.0]])
 
 
-def command_causes(motion: LogMotion, robot: RobotModel) -> list[Finding]:
+def command_causes(motion: LogMotion, robot: RobotModel, timed: bool) -> list[Finding]:
     """Commands in another order, axes or commands of the wrong sign, a base in another pose.
 
-    All joints are judged at once; each cause is one finding.
+    All joints are judged at once; each cause is one finding. `timed` is whether measured velocities
+    agree with the clock; without any it may be wrong, too.
     """
     if not driven_joints(robot, motion):
         return []
@@ -57,8 +57,14 @@ def command_causes(motion: LogMotion, robot: RobotModel) -> list[Finding]:
     if moved := [j for j in order if order[j] != j]:
         finding, motion = _swapped(motion, robot, moved, order)
         found.append(finding)
-    turned, motion = _turned(motion, robot)
+    turned, mended = _turned(motion, robot)
+    if not timed and not robot.weightless:
+        clock = retimed(BentLinks(robot, motion))
+        if clock.told and not _explained(clock, mended, robot, turned):
+            return [*found, _wrong_clock(clock)]
+        found += [_UNTIMED] if clock.loose else []
     found += turned
+    motion = mended
     if not turned:
         found += _reversed(motion, robot)
     return found
@@ -145,20 +151,6 @@ def _turned(motion: LogMotion, robot: RobotModel) -> tuple[list[Finding], LogMot
             turned = trial
     own = _mirrored(motion, turned)
     error, gravity = min(bases, key=lambda one: one[0])
-    slow, scale = _best_clock(robot, motion)
-    if slow < min(best, error) and (slow / plain) ** n < _RETIMED:
-        cause = clock_cause(scale)
-        how = cause.text.split(":")[0]
-        text = (
-            f"{how}: the model's weight and inertia fit the commands with {100 * slow:.2g} % error "
-        )
-        text += f"on that clock, and with {100 * plain:.2g} % on the log's own"
-        data: dict[str, object] = {"factor": scale}
-        remedy = "Find the true rate of the log, and set `[time]` `scale` in map.toml."
-        if scale in _USUAL:
-            data["map"] = cause.changes
-            remedy = remedy_of(cause.changes)
-        return [Finding("refusal", "clock", "", text, remedy, data)], motion
     if (error / plain) ** n < _TURNED and error < best:
         pull = ", ".join(f"{x:.3g}" for x in gravity)
         text = (
@@ -185,27 +177,43 @@ def _turned(motion: LogMotion, robot: RobotModel) -> tuple[list[Finding], LogMot
     return [finding], own
 
 
-def _best_clock(robot: RobotModel, motion: LogMotion) -> tuple[float, float]:
-    """The least error of the commands with all times multiplied, and this number.
+_UNTIMED = Finding(
+    "warning",
+    "clock_unchecked",
+    "",
+    "nothing in the log checks its clock: it has no velocities, and the motion is so slow that "
+    "inertia hardly acts; frictions, inertias and gains of joints without weight are as right as "
+    "its times are",
+    "Check the log's rate, or record faster motion.",
+)
 
-    Weight does not depend on the clock, inertia does by its square.
-    """
 
-    def error(logarithm: float) -> float:
-        k = float(np.exp(logarithm))
-        own = {"slopes": motion.slopes / k, "v": motion.v / k, "a": motion.a / k**2}
-        return misfit(robot, replace(motion, **own, rate=motion.rate / k), 0.0)
+def _explained(
+    clock: Retimed, mended: LogMotion, robot: RobotModel, turned: Sequence[Finding]
+) -> bool:
+    """Whether turned axes or another base, if any is found, explain more than a clock."""
+    for finding in turned:
+        gravity = finding.data.get("gravity")
+        other = BentLinks(robot, mended, None if gravity is None else np.asarray(gravity))
+        if other.error() < clock.error:
+            return True
+    return False
 
-    grid = np.log(_TIMES)
-    errors = [error(x) for x in grid]
-    best = int(np.argmin(errors))
-    around = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-    found = scipy.optimize.minimize_scalar(error, bounds=around, options={"maxiter": 12})
-    scale = float(np.exp(found.x))
-    whole = min(_USUAL, key=lambda k: abs(np.log(k / scale)))
-    if abs(np.log(whole / scale)) < _NEAR:
-        scale = whole
-    return float(found.fun), scale
+
+def _wrong_clock(clock: Retimed) -> Finding:
+    """The finding of a clock that no velocity contradicts; a likely one has a line of the map."""
+    scale = min(_USUAL, key=lambda k: abs(np.log(k / clock.scale)))
+    usual = abs(np.log(scale / clock.scale)) < _NEAR
+    cause = clock_cause(scale if usual else clock.scale)
+    how = cause.text.split(":")[0]
+    text = f"{how}: the model's weight and inertia fit the commands with {100 * clock.error:.2g} % "
+    text += f"error on that clock, and with {100 * clock.plain:.2g} % on the log's own"
+    data: dict[str, object] = {"factor": scale if usual else clock.scale}
+    remedy = "Find the true rate of the log, and set `[time]` `scale` in map.toml."
+    if usual:
+        data["map"] = cause.changes
+        remedy = remedy_of(cause.changes)
+    return Finding("refusal", "clock", "", text, remedy, data)
 
 
 def _starts(robot: RobotModel, motion: LogMotion) -> list[list[int]]:

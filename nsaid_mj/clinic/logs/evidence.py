@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from ...base import pin
-from ...core import Array, positions
+from ...core import Array
 from ...robots import RobotModel
 from . import signals
 from .recordings import Recordings
@@ -141,7 +141,7 @@ def forces_of(
     data = model.createData()
     whole = np.empty(motion.v.shape)
     weight = np.empty(motion.v.shape)
-    rows = zip(positions(model, motion.q), motion.v, motion.a, strict=True)
+    rows = zip(robot.system.position(motion.q), motion.v, motion.a, strict=True)
     for k, (q, v, a) in enumerate(rows):
         whole[k] = pin.rnea(model, data, q, v, a)
         weight[k] = pin.computeGeneralizedGravity(model, data, q)
@@ -204,12 +204,14 @@ def misfit(
     motion: LogMotion,
     handicap: float = _PARSIMONY,
     gravity: Array | None = None,
+    force: Array | None = None,
 ) -> float:
     """Geometric mean, over the joints, of the commands' errors under the model's links.
 
     A command may have any gain and constant, its joint friction and a rotor. The ratio of weight
     and inertia is the model's. A command of the other sign has a `handicap` [log of the error].
-    NaN of a robot without masses, or if nothing moves.
+    `force` (N, n) is that of the links along the thinned motion, if it is known already. NaN of a
+    robot without masses, or if nothing moves.
     """
     if robot.weightless:
         return np.nan
@@ -217,8 +219,8 @@ def misfit(
     if not joints:
         return np.nan
     rows, few = thinned(motion)
-    weight, inertia = forces_of(robot, few, gravity)
-    force = weight + inertia
+    if force is None:
+        force = np.sum(forces_of(robot, few, gravity), axis=0)
     turned = np.exp(handicap)
     errors = np.full((len(DELAYS), len(joints)), np.nan)
     for k, j in enumerate(joints):

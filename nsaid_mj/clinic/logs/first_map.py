@@ -7,11 +7,13 @@ import numpy as np
 
 from ...core import Array
 from ...robots import RobotModel
+from . import signals
 from .evidence import limits
 from .imu import imu_columns
 from .mapping import FACTORS, Map, Quantity, of_name
 from .matching import candidates, is_gripper, match_targets, named, set_points, words
 from .tables import LogTable, channel_names, values_of
+from .unnamed import unnamed
 
 WHOLE = 100.5  # of a range from −100 to 100, with rounding; larger values are degrees
 _HEAD = """\
@@ -64,7 +66,8 @@ _DEGREES_OR_RANGE = """
 # position = "range"
 """
 
-_ORDER = '# order = "wxyz"  # or xyzw, of the quaternion; left out: found by gravity\n'
+_ORDER = '# order = "wxyz"  # or xyzw; left out: found by gravity and the gyroscope\n'
+_ANGLES = '# order = "rpy"  # or "rpy deg", or "gravity" for its direction; left out: found\n'
 _MOUNTED = """\
 # site = "imu"  # where it sits in the model; or place = [x, y, z] in the base's frame [m]
 """
@@ -121,7 +124,14 @@ _IN_SPACE = {
     ),
 }
 _IN_PLANE = {
-    "position": ("x y psi", "x y heading", "x y theta", "x y yaw"),
+    "position": (
+        "x y psi",
+        "x y heading",
+        "x y theta",
+        "x y yaw",
+        "xned yned yaw",
+        "north east yaw",
+    ),
     "linear": ("vx vy r", "vx vy yawrate", "surge sway yawrate"),
 }
 """Endings of channels' names, letters and digits only."""
@@ -158,7 +168,7 @@ def first_map(tables: Sequence[LogTable], robot: RobotModel) -> str:
         parts.append(_vehicle(tables, robot))
     else:
         own = [joint for joint in named(robot) if joint in robot.leaders]
-        found = candidates(names, own, robot.passive)
+        found = unnamed(tables, own) or candidates(names, own, robot.passive)
         targets = match_targets(names, own)
         goals = set(targets.values())
         measured = [g for g in found["position"].values() if goals.isdisjoint(g.values())]
@@ -197,7 +207,8 @@ def _on_ground(channels: Sequence[str]) -> str:
             lines.append(
                 f'# {key} = ["…", "…", "…"]  # specific force, 9.81 m/s² upwards at rest\n'
             )
-    lines.append(_ORDER if imu.order is None else f'order = "{imu.order}"  # of the quaternion\n')
+    unknown = _ORDER if len(imu.orientation) == 4 else _ANGLES
+    lines.append(unknown if imu.order is None else f'order = "{imu.order}"\n')
     return "".join(lines) + _MOUNTED + _FEET
 
 
@@ -293,19 +304,26 @@ def _vehicle(tables: Sequence[LogTable], robot: RobotModel) -> str:
             lines.append(f'euler_unit = "{unit}"  # their largest is {most:.3g}\n')
     if spatial:
         lines.append(_AXES)
+    else:
+        heading = given.get("position", [""])[-1]
+        unit = signals.heading_unit(values_of(heading, tables))
+        lines.append(f'heading_unit = "{unit}"  # of the heading: rad or deg\n')
+        lines.append('# frame = "ENU/FLU"  # or NED/FRD: x north, y east, heading from north\n')
     lines.append("\n[actuators]\n")
     groups = candidates(channels, robot.joints)["command"]
     for k, name in enumerate(robot.joints):
         kinds = [c.kind for c in robot.system.structure.columns if c.input == k]
         known = (_MEANING[kind] for kind in kinds if kind in _MEANING)
         means, low, high = next(known, ("", 0.0, 0.0))
-        for column in [by_joint[name] for by_joint in groups.values()] or ["…"]:
+        own = [by_joint[name] for by_joint in groups.values()]
+        moving = [column for column in own if np.ptp(values_of(column, tables)) > 0]
+        for column in moving or own or ["…"]:
             scaled = ""
             values = values_of(column, tables) if high else np.zeros(0)
             if len(values) and values.min() >= 800 and 1000 < values.max() <= 2200:
                 ratio = (high - low) / (_PULSE[1] - _PULSE[0])  # of pulses of a radio-control servo
                 scaled = f"ratio = {ratio:g}, offset = {low - ratio * _PULSE[0]:g}"
-            mark = "" if len(groups) == 1 else "# "
+            mark = "" if len(moving or own) == 1 else "# "
             lines.append(mark + _line(_key(name), column, scaled, means))
     return "".join(lines)
 

@@ -18,6 +18,7 @@ from ...base import Finding
 from ...core import Array, number
 from ...robots import RobotModel
 from . import signals
+from .actuator_causes import Wiring, rewired, size_of
 from .causes import DEGREES, clock_of_file, nice
 from .layout import FRD, NED, pose_velocity
 from .mapping import Vehicle
@@ -36,6 +37,7 @@ _ALIKE = 0.08  # relative difference of the scales of both velocities that a clo
 _BAND = 5.0  # cut-off over the frequency of the motion
 _LOUD = 3.0  # velocity over its noise below which an axis counts for little
 _ROWS = 4000  # at most, for the sheet's forces
+_SHORTEST = 0.1  # length of a segment, over that of the longest, that counts beside it
 _UNSURE = 2.5  # factor by which a sheet's numbers may be off
 _TRUST = 0.03  # error of the forces for which one of them is off by 100 %
 _BALANCED = 0.02  # error up to which forces are equally good
@@ -60,6 +62,10 @@ class Match(NamedTuple):
     scale: float  # size of the base over that measured
     error: float  # 0 to 1: squared difference over the sum of squares, mean of the axes
     handicap: float
+
+
+Motion = tuple[Array, Array, Array]
+"""Poses (N, m), velocities (N, n) and commands (N, k) of a segment."""
 
 
 class Pose(NamedTuple):
@@ -401,39 +407,46 @@ def _clock(matches: Sequence[Match]) -> list[Finding]:
 
 
 def _driven(recordings: Recordings, robot: RobotModel) -> list[Finding]:
-    """The finding of a frame, or of commands' signs, under which the sheet's forces fit far better.
+    """The finding of a frame, or of commands, under which the sheet's forces fit far better.
 
     Pose and velocities may agree and yet be in north-east-down axes throughout.
     """
     vehicle = recordings.vehicle
-    q, v, u = _longest(recordings)
-    own = _balance(robot, q, v, u, recordings)
-    trials: list[tuple[Array, str, str, dict[str, object]]] = []
+    motions = _longest(recordings)
+    balance = Balance(robot, motions, recordings)
+    own = balance.errors()
+    driven = balance.driven
+    found: list[tuple[Array, str, str, dict[str, object]]] = []
     if robot.system.group == 6 and vehicle is not None:
         frame = "NED/FRD" if vehicle.frame == "ENU/FLU" else "ENU/FLU"
-        text = f"pose and velocities are in {frame} axes"
-        error = _balance(robot, _other_pose(q), _other_twist(v), u, recordings)
-        trials.append((error, "frame", text, {"vehicle.frame": frame}))
-    if (u < 0).any():
-        error = _balance(robot, q, v, -u, recordings)
-        trials.append(
-            (error, "reversed_sign", "all commands are reversed", {"factors.command": -1})
-        )
-    if not trials:
+        turned = [(_other_pose(q), _other_twist(v), u) for q, v, u in motions]
+        error = Balance(robot, turned, recordings).errors()
+        if _ratio(error, own) < _DRIVES:
+            text = f"pose and velocities are in {frame} axes"
+            found.append((error, "frame", text, {"vehicle.frame": frame}))
+    signed = np.any([(u < 0).any(axis=0) for _, _, u in motions], axis=0)
+    other = rewired(balance.errors, signed, driven)
+    if other is not None:
+        wiring, error = other
+        names = list(robot.joints)
+        changes = wiring.changes(names)
+        code = "order" if "order.command" in changes else "reversed_sign"
+        found.append((error, code, wiring.in_words(names), changes))
+    if not found:
         return []
-    error, code, text, changes = min(trials, key=lambda one: _ratio(one[0], own))
-    if not _ratio(error, own) < _DRIVES:
-        return []
-    text += f": the sheet's forces then fit with {100 * error.mean():.2g} % error instead of "
-    text += f"{100 * own.mean():.2g} %"
+    error, code, text, changes = min(found, key=lambda one: size_of(one[0], driven))
+    text += f": the sheet's forces then fit with {100 * error[driven].mean():.2g} % error instead "
+    text += f"of {100 * own[driven].mean():.2g} %"
     return [Finding("refusal", code, "", text, remedy_of(changes), {"map": changes})]
 
 
 def _wrong_one(recordings: Recordings, robot: RobotModel) -> str:
     """Whether the sheet's forces contradict the frame of the `pose` or that of the `twist`."""
-    q, v, u = _longest(recordings)
-    by_twist = _balance(robot, q, _other_twist(v), u, recordings)
-    by_pose = _balance(robot, _other_pose(q), v, u, recordings)
+    motions = _longest(recordings)
+    twisted = [(q, _other_twist(v), u) for q, v, u in motions]
+    posed = [(_other_pose(q), v, u) for q, v, u in motions]
+    by_twist = Balance(robot, twisted, recordings).errors()
+    by_pose = Balance(robot, posed, recordings).errors()
     return "pose" if _ratio(by_pose, by_twist) < 1 else "twist"
 
 
@@ -442,11 +455,17 @@ def _ratio(errors: Array, others: Array) -> float:
     return float(np.exp(np.mean(np.log(errors / others))))
 
 
-def _longest(recordings: Recordings) -> tuple[Array, Array, Array]:
-    """Poses, velocities and commands of the longest segment, of so many rows at most."""
-    segment = max(recordings.segments, key=lambda one: len(one.log.t))
-    _, q, v, u = (x[:_ROWS] for x in segment.log)
-    return q, v, u
+def _longest(recordings: Recordings) -> list[Motion]:
+    """Poses, velocities and commands of the longest segments, of so many rows at most."""
+    found: list[Motion] = []
+    left = _ROWS
+    for segment in sorted(recordings.segments, key=lambda one: -len(one.log.t)):
+        _, q, v, u = (x[:left] for x in segment.log)
+        if found and len(q) < _SHORTEST * len(found[0][0]):
+            break
+        found.append((q, v, u))
+        left -= len(q)
+    return found
 
 
 def _other_pose(q: Array) -> Array:
@@ -459,39 +478,77 @@ def _other_twist(v: Array) -> Array:
     return np.hstack([v[:, :3] @ FRD, v[:, 3:6] @ FRD, v[:, 6:]])
 
 
-def _balance(robot: RobotModel, q: Array, v: Array, u: Array, recordings: Recordings) -> Array:
-    """(n,) errors of the forces of a vehicle's sheet along a motion, over the size of all forces.
+class Balance:
+    """The forces of a vehicle's sheet along a motion, of which commands may be exchanged.
 
     Its numbers are as uncertain as sheets are, none of another sign. Without the linear velocities
     where these are not measured.
+
+    Attributes:
+        driven: (n,) velocities on which actuators act.
     """
-    system = robot.system
-    rate = recordings.rate
-    space = system.space
-    cut = min(_BAND * _frequency(v, rate), rate / 5) / (0.5 * rate)
-    slow = signals.low_pass(v, cut)
-    a = np.gradient(slow, 1 / rate, axis=0)
-    x = np.hstack([q, slow])
-    W = system.regressor(np.arange(len(q)) / rate, x, slow, a, u)
-    W = np.where(np.isfinite(W), W, 0.0)  # a tyre at rest has no slip
-    acting = np.zeros(len(space), bool)
-    acting[space.actuators] = True
-    assert robot.prior is not None  # every vehicle has one
-    measured = slice(3 if recordings.turns_only else 0, None)
-    W = W[:, measured]
-    parts = np.stack([signals.low_pass(F, cut) for F in np.moveaxis(W * robot.prior, 2, 0)], axis=2)
-    units = np.array(system.velocity_units[measured])
-    alike = (units[:, None] == units).astype(float)  # velocities of one unit share a size
-    driven, whole = (
-        np.sqrt(alike @ np.mean(part.sum(axis=2) ** 2, axis=0))
-        for part in (parts[:, :, acting], parts)
-    )
-    size = np.where(driven > 0, driven, np.where(whole > 0, whole, 1.0))  # 0 without actuators
-    share = _shares(parts / size[:, None])
-    forces = [parts[:, :, own] @ share[own] for own in (acting, ~acting)]
-    size = np.sqrt(alike @ sum(np.mean(x**2, axis=0) for x in forces))
-    error = np.sqrt(np.mean((forces[0] + forces[1]) ** 2, axis=0)) / np.maximum(size, 1e-300)
-    return np.maximum(error, _BALANCED)
+
+    def __init__(self, robot: RobotModel, motions: Sequence[Motion], recordings: Recordings):
+        assert robot.prior is not None  # every vehicle has one
+        system = robot.system
+        rate = recordings.rate
+        cut = min(_BAND * _frequency(motions[0][1], rate), rate / 5) / (0.5 * rate)
+        moving = []
+        for q, v, _ in motions:
+            slow = signals.low_pass(v, cut)
+            a = np.gradient(slow, 1 / rate, axis=0)
+            moving.append((np.arange(len(q)) / rate, np.hstack([q, slow]), slow, a))
+        self._acting = np.zeros(len(system.space), bool)
+        self._acting[system.space.actuators] = True
+        self._measured = slice(3 if recordings.turns_only else 0, None)
+        units = np.array(system.velocity_units[self._measured])
+        self._alike = (units[:, None] == units).astype(float)  # velocities of one unit share a size
+        self._prior = robot.prior
+        columns = system.structure.columns
+        self._input = {c.parameter: c.input for c in columns if self._acting[c.parameter]}
+        self._of_commands: dict[tuple[int, int], Array] = {}
+
+        def parts(commands: Sequence[Array]) -> Array:
+            found = []
+            for motion, u in zip(moving, commands, strict=True):
+                W = system.regressor(*motion, u)[:, self._measured]
+                W = np.where(np.isfinite(W), W, 0.0) * self._prior  # a tyre at rest has no slip
+                own = [signals.low_pass(F, cut) for F in np.moveaxis(W, 2, 0)]
+                found.append(np.stack(own, axis=2))
+            return np.concatenate(found)
+
+        self._parts = parts
+        self._u = [u for _, _, u in motions]
+        self._own = parts(self._u)
+        self.driven = np.mean(self._own[:, :, self._acting] ** 2, axis=(0, 2)) > 0
+
+    def errors(self, wiring: Wiring | None = None) -> Array:
+        """(n,) errors of the forces over the size of all, with the commands of a wiring."""
+        parts = self._own
+        if wiring is not None:
+            parts = parts.copy()
+            for parameter, k in self._input.items():
+                own = self._with(wiring.source[k], wiring.sign[k])
+                parts[:, :, parameter] = own[:, :, parameter]
+        acting = self._acting
+        driven, whole = (
+            np.sqrt(self._alike @ np.mean(part.sum(axis=2) ** 2, axis=0))
+            for part in (parts[:, :, acting], parts)
+        )
+        size = np.where(driven > 0, driven, np.where(whole > 0, whole, 1.0))  # 0 without actuators
+        share = _shares(parts / size[:, None])
+        forces = [parts[:, :, own] @ share[own] for own in (acting, ~acting)]
+        size = np.sqrt(self._alike @ sum(np.mean(x**2, axis=0) for x in forces))
+        error = np.sqrt(np.mean((forces[0] + forces[1]) ** 2, axis=0)) / np.maximum(size, 1e-300)
+        return np.maximum(error, _BALANCED)
+
+    def _with(self, command: int, sign: int) -> Array:
+        """(N, n, p) parts of which every actuator follows one command."""
+        key = command, sign
+        if key not in self._of_commands:
+            own = [sign * np.repeat(u[:, [command]], u.shape[1], axis=1) for u in self._u]
+            self._of_commands[key] = self._parts(own)
+        return self._of_commands[key]
 
 
 def _shares(parts: Array) -> Array:

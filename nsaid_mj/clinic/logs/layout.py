@@ -1,6 +1,6 @@
 """Mapping of a log's channels to a robot's q, v and u."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -11,13 +11,24 @@ from scipy.spatial.transform import Rotation
 from ...base import InvalidInput
 from ...core import Array, continuous_signs
 from ...robots import RobotModel
-from . import matching
+from . import matching, signals
 from .evidence import limits
 from .flight import flight_map
 from .imu import ImuColumns, imu_columns
-from .mapping import ChannelSource, ColumnMap, Factors, Joint, Map, Quantity, Vehicle, matrix, si
+from .mapping import (
+    ChannelSource,
+    ColumnMap,
+    Factors,
+    Joint,
+    Map,
+    Pd,
+    Quantity,
+    Vehicle,
+    matrix,
+    si,
+)
 from .pd_law import PdLaw, known_gains
-from .tables import Channel, LogTable, channel_names, told_apart
+from .tables import Channel, LogTable, channel_names, told_apart, values_of
 from .unusable import UnmatchedChannels
 
 NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -143,6 +154,24 @@ class Layout(NamedTuple):
 
 def _mixed(raw: Array, matrix: Array | None) -> Array:
     return raw if matrix is None else raw @ matrix.T
+
+
+def with_servos(mapping: Map, robot: RobotModel, tables: Sequence[LogTable]) -> Map:
+    """The map, with [pd] if a robot that walks under its file's position servos logs their targets.
+
+    Under contact a servo's targets cannot be simulated, while its torques are known but for kp.
+    """
+    channels = channel_names(tables)
+    servos = robot.servos is not None and mapping.pd is None
+    if not servos or imu_columns(mapping, channels, robot.walks) is None:
+        return mapping
+    joints = [name for name in matching.named(robot) if name in robot.leaders]
+    stated = mapping.joints.values()
+    if any(joint.command is not None and joint.command.is_position for joint in stated):
+        return replace(mapping, pd=Pd())
+    if not stated and matching.match_targets(channels, joints):
+        return replace(mapping, pd=Pd())
+    return mapping
 
 
 def layout(
@@ -362,14 +391,24 @@ def _source(
 def _ordered(mapping: Map, names: Sequence[str]) -> list[Joint]:
     """The columns of joints in their order, after the swaps of a map."""
     joints = mapping.joints
+    order = mapping.order.joints
+    if order and sorted(order) != sorted(names):
+        known = f"The robot's actuated joints are {', '.join(names)}."
+        raise InvalidInput("map: order.joints", "every joint once", ", ".join(order), known)
+    if order:
+        joints = {true: mapping.joints[name] for name, true in zip(names, order, strict=True)}
     for what in ("position", "velocity", "command"):
         swaps = getattr(mapping.order, what)
-        for joint in {*swaps, *swaps.values()} - set(names):
-            known = f"The robot's actuated joints are {', '.join(names)}."
-            raise InvalidInput(f"map: order.{what}", "joints of the robot", joint, known)
-        taken = {joint: getattr(mapping.joints[other], what) for joint, other in swaps.items()}
+        _check_order(what, swaps, names)
+        taken = {joint: getattr(joints[other], what) for joint, other in swaps.items()}
         joints = joints | {j: replace(joints[j], **{what: column}) for j, column in taken.items()}
     return [joints[name] for name in names]
+
+
+def _check_order(what: Quantity, swaps: Mapping[str, str], names: Sequence[str]) -> None:
+    for joint in {*swaps, *swaps.values()} - set(names):
+        known = f"The robot's actuated joints are {', '.join(names)}."
+        raise InvalidInput(f"map: order.{what}", "joints of the robot", joint, known)
 
 
 def _existing(made: Layout, channels: list[str]) -> Layout:
@@ -405,6 +444,10 @@ def _of_vehicle(
         actuators = {name.replace("_", " "): column for name, column in mapping.actuators.items()}
         plain = [name.replace("_", " ") for name in robot.joints]
         _check_vehicle(vehicle, m, n, [name for name in plain if name not in actuators])
+        swaps = mapping.order.command
+        _check_order("command", swaps, robot.joints)
+        taken = {a: actuators[b.replace("_", " ")] for a, b in swaps.items()}
+        actuators |= {a.replace("_", " "): column for a, column in taken.items()}
         parts = [
             [_signed(name, channels) for name in vehicle.pose],
             [
@@ -421,6 +464,12 @@ def _of_vehicle(
     if vehicle is not None and vehicle.euler is not None:
         angles = [replace(column, unit=vehicle.euler_unit) for column in parts[0][-3:]]
         positions = (*positions[:-3], *(_source("position", c, angle=True) for c in angles))
+    if vehicle is not None and m == 3:
+        heading = parts[0][-1]
+        unit = vehicle.heading_unit or signals.heading_unit(values_of(heading.column, tables))
+        positions = (*positions[:-1], _source("position", replace(heading, unit=unit), angle=True))
+        if unit == "deg" and vehicle.heading_unit is None:
+            assumed = f"the heading ({heading.column}) is in degrees, judging by its values"
     commands = tuple(
         _source(
             "command",

@@ -366,6 +366,9 @@ class Factors:
 class ColumnOrder:
     """Joints whose columns are swapped: by joint, the one to which its column was assigned."""
 
+    # all joints in the order of the file's columns, where these are numbered in another order than
+    # the model's, or named wrongly; the swaps below come after it
+    joints: tuple[str, ...] = ()
     position: dict[str, str] = field(default_factory=dict)
     velocity: dict[str, str] = field(default_factory=dict)
     command: dict[str, str] = field(default_factory=dict)
@@ -390,8 +393,9 @@ class Vehicle:
     A `-` before a column's name reverses its sign.
     """
 
-    # x, y, z [m], left out to integrate `linear`; x, y and heading [rad] of a vehicle in the plane
+    # x, y, z [m], left out to integrate `linear`; x, y and heading of a vehicle in the plane
     position: Three | None = None
+    heading_unit: Literal["rad", "deg"] | None = None  # in the plane; None to judge by its values
     quaternion: Four | None = None  # from body to world; not used in the plane
     # roll, pitch and yaw instead, the turns about x, y' and z'' from the world's axes to the
     # body's, yaw first
@@ -441,14 +445,17 @@ class Vehicle:
 class Imu:
     """What an IMU on the base of a walking robot measures, and where it sits."""
 
-    # world's orientation of the IMU, from its axes to the world's, whose z is up
-    orientation: Four
+    # orientation of the IMU: the quaternion from its axes to the world's, whose z is up; or three
+    # columns: roll, pitch and yaw, or the direction of gravity along its axes (0, 0, -1 if level)
+    orientation: Four | Three
     gyro: Three  # angular velocity along its axes
     accelerometer: Three | None = None  # specific force along its axes: 9.81 m/s² upwards at rest
-    # order of the orientation's columns; None to find it: at rest the force points upwards
-    order: Literal["xyzw", "wxyz"] | None = None
-    inverse: Flag = False  # whether the orientation is from the world's axes to the IMU's
-    gyro_unit: Literal["rad/s", "deg/s"] = "rad/s"
+    # what the orientation's columns are; None to find it: at rest the force points upwards, and the
+    # vertical turns as the gyroscope says
+    order: Literal["xyzw", "wxyz", "rpy", "rpy deg", "gravity"] | None = None
+    # whether the quaternion is from the world's axes to the IMU's; None to find it likewise
+    inverse: Flag | None = None
+    gyro_unit: Literal["rad/s", "deg/s"] | None = None  # None to find it likewise
     accelerometer_unit: Literal["m/s²", "g"] | None = None  # None to find it by gravity
     # site, link or frame of the model file at the IMU; None for one called imu, or the base's own
     site: Name | None = None
@@ -458,7 +465,7 @@ class Imu:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Its columns: 4 of the orientation, 3 of the gyroscope, 3 of the accelerometer or none."""
+        """Its columns: 4 or 3 of the orientation, 3 of the gyroscope, 3 or none of the forces."""
         return (*self.orientation, *self.gyro, *(self.accelerometer or ()))
 
 
@@ -469,6 +476,9 @@ class ContactMap:
     feet: tuple[Name, ...] = ()  # geoms, sites, links or frames; () to find them in the model file
     radius: NonNegative | None = None  # of round feet [m]; None for that of the file, or 0
     flat: Flag | None = None  # whether a foot also exerts torques; None to see it from its shape
+    # columns of sensors of force or contact in the feet, in their order and any unit; () to find
+    # them by their names
+    force: tuple[Name, ...] = ()
 
 
 @config

@@ -24,7 +24,7 @@ WORDS: dict[Quantity, frozenset[str]] = {
     "velocity": _set("velocity velocities vel dq qd v qdot speed spd omega qvel dtheta"),
     "command": _set(
         "effort efforts torque torques tau current currents cur curr i u cmd command ctrl control "
-        "force moment voltage pwm esc throttle amps"
+        "force moment voltage pwm esc throttle thr thrust thruster amps"
     ),
 }
 _OTHER = _set("acceleration acc accel ddq qdd error err temperature temp status mode limit")
@@ -156,7 +156,7 @@ def set_points(
         by_joint
         for (kind, group, rank), members in _members(channels, joints).items()
         if kind == quantity and (rank == 2 or _FORWARD & set(group.split()))
-        if (by_joint := _by_joint(members, joints))
+        if (by_joint := _by_joint(members, joints, group))
     ]
     return groups[0] if len(groups) == 1 else {}
 
@@ -168,26 +168,26 @@ def match_targets(channels: Iterable[str], joints: Sequence[str]) -> dict[str, s
     `target_elbow`, `elbow.goal_position`, `action.elbow.pos`.
     """
     groups = _targets(channels, joints)
-    found = [by_joint for members in groups if (by_joint := _by_joint(members, joints))]
+    found = [own for group, members in groups.items() if (own := _by_joint(members, joints, group))]
     return found[0] if len(found) == 1 else {}
 
 
 def lacking_targets(channels: Iterable[str], joints: Sequence[str]) -> list[str]:
     """The joints without a target if some joints have one by name; else empty."""
-    most = max(_targets(channels, joints), key=len, default={})
+    most = max(_targets(channels, joints).values(), key=len, default={})
     lacking = [joint for joint in joints if joint not in most]
     return lacking if len(lacking) < len(joints) else []
 
 
-def _targets(channels: Iterable[str], joints: Sequence[str]) -> list[dict[str, str]]:
-    """Groups of channels of position targets, by joint (its name, or a number as text)."""
+def _targets(channels: Iterable[str], joints: Sequence[str]) -> dict[str, dict[str, str]]:
+    """Channels of position targets by group and joint (its name, or a number as text)."""
     groups: dict[str, dict[str, str]] = defaultdict(dict)
     others = _OTHER | WORDS["velocity"] | (WORDS["command"] - {"cmd", "command"})
     for channel in channels:
         joint, rest = _joint_of(words(channel), joints)
         if joint and set(rest) & _TARGET and not set(rest) & others:
             groups[" ".join(rest)].setdefault(joint, channel)
-    return list(groups.values())
+    return groups
 
 
 def _lacking(quantity: Quantity, channels: Iterable[str], joints: Sequence[str]) -> str:
@@ -230,7 +230,7 @@ def candidates(
     complete: dict[Quantity, dict[tuple[int, bool], dict[str, dict[str, str]]]]
     complete = {quantity: {} for quantity in WORDS}
     for (quantity, group, rank), members in _members(channels, joints).items():
-        by_joint = _by_joint(members, joints)
+        by_joint = _by_joint(members, joints, group)
         if by_joint:
             numbered = not set(joints) <= set(members)
             complete[quantity].setdefault((rank, numbered), {})[group] = by_joint
@@ -254,14 +254,46 @@ def _members(
     return groups
 
 
-def _by_joint(members: dict[str, str], joints: Sequence[str]) -> dict[str, str]:
+def _by_joint(members: dict[str, str], joints: Sequence[str], group: str) -> dict[str, str]:
     """Channels by joint name; empty if the group does not cover all joints."""
     if all(joint in members for joint in joints):
         return {joint: members[joint] for joint in joints}
     indices = sorted(int(key) for key in members if key.isdigit())
+    own = set(group.split())
+    if own >= {"motor", "state"} or own >= {"motor", "cmd"}:
+        return _of_message(members, indices, joints)
+    base = 7 if "qpos" in own else 6 if "qvel" in own else 0  # of MuJoCo's free joint
+    if base and indices == list(range(base + len(joints))):
+        indices = indices[base:]
     if len(indices) != len(joints) or indices[-1] - indices[0] != len(joints) - 1:
         return {}
     return {joint: members[str(k)] for joint, k in zip(joints, indices, strict=True)}
+
+
+_LEGS = ("fr", "fl", "rr", "rl")
+_PARTS = (("hip", "abad", "abduction"), ("thigh", "upper"), ("calf", "shank", "lower", "knee"))
+
+
+def _of_message(
+    members: dict[str, str], indices: Sequence[int], joints: Sequence[str]
+) -> dict[str, str]:
+    """Channels of Unitree's messages by joint name; empty if they have fewer motors than joints.
+
+    A message has room for more motors than a robot has. Those of quadrupeds are numbered leg by
+    leg, FR, FL, RR, RL, each hip, thigh, calf; those of other robots as the joints of their models.
+    """
+    if len(indices) < len(joints) or list(indices) != list(range(len(indices))):
+        return {}
+    order = list(joints)
+    spelt = {joint: set(words(joint)) for joint in joints}
+    legs = [
+        [j for j in joints if leg in spelt[j] and spelt[j] & set(part)]
+        for leg in _LEGS
+        for part in _PARTS
+    ]
+    if len(joints) == len(legs) and all(len(own) == 1 for own in legs):
+        order = [joint for (joint,) in legs]
+    return {joint: members[str(k)] for k, joint in enumerate(order)}
 
 
 def read(channel: str, joints: Sequence[str]) -> tuple[tuple[Quantity, str, int], str] | None:
@@ -302,6 +334,22 @@ def quantity_of(said: set[str], rest: Sequence[str]) -> Quantity | None:
     if said & WORDS["position"]:
         return "position" if not said & {"torque", "tau", "effort"} else None
     return "command" if said & WORDS["command"] else None
+
+
+def free_joint(channels: Iterable[str]) -> tuple[list[str], list[str]] | None:
+    """The columns of positions and velocities of MuJoCo's state of a base with a free joint.
+
+    They are numbered, `qpos_0` … and `qvel_0` …, and one more of the first than of the second. None
+    without them.
+    """
+    found: dict[str, dict[int, str]] = {"qpos": {}, "qvel": {}}
+    for channel in channels:
+        own = words(channel)
+        if len(own) > 1 and own[-2] in found and own[-1].isdigit():
+            found[own[-2]].setdefault(int(own[-1]), channel)
+    q, v = ([own[k] for k in range(len(own)) if k in own] for own in found.values())
+    whole = len(q) == len(found["qpos"]) and len(v) == len(found["qvel"])
+    return (q, v) if whole and len(v) > 6 and len(q) == len(v) + 1 else None
 
 
 def words(name: str) -> list[str]:

@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ...base import Finding
-from ...core import Array, Log, velocity_labels
+from ...core import Array, Log
 from ...robots import RobotModel
 from . import signals
 from .causes import gross_clock
@@ -23,7 +24,15 @@ from .cleaning import (
     short_stated,
 )
 from .imu import held_still, read_imu
-from .layout import ChannelSource, Layout, apart, layout, pose_velocity, with_angles
+from .layout import (
+    ChannelSource,
+    Layout,
+    apart,
+    layout,
+    pose_velocity,
+    with_angles,
+    with_servos,
+)
 from .mapping import Map
 from .pd_law import held_mean
 from .phases import LogPhase, events_of, phases, phases_stated
@@ -67,6 +76,7 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
     """
     mapping = mapping or Map()
     tables = [with_angles(table, robot) for table in apart(mapping, robot, tables)]
+    mapping = with_servos(mapping, robot, tables)
     made = layout(mapping, robot, tables)
     findings = [finding for table in tables for finding in table.findings]
     if made.assumed:
@@ -120,7 +130,7 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
         tuple(seen),
         made.on_leaders(made.pd.feedback) if made.pd else None,
         made.imu.stated if made.imu else None,
-        mapping.contacts,
+        replace(mapping.contacts, force=made.imu.feet if made.imu else ()),
     )
 
 
@@ -305,7 +315,7 @@ def _phases(
 
 def _differentiated(made: Layout, robot: RobotModel, rate: float, source: str) -> list[Finding]:
     """A note of the velocities that the log does not have, but its positions."""
-    names = robot.leaders if robot.jointed else velocity_labels(robot.system)
+    names = robot.leaders if robot.jointed else robot.system.velocity_labels
     missing = [j for j, v in zip(names, made.velocities, strict=False) if v is None]
     if made.turns_only:
         missing = missing[3:]
@@ -349,7 +359,7 @@ def _imu(grid: Array, log: Cleaned, findings: list[Finding]) -> Array | None:
     if imu is None:
         return None
     raw = [signals.resample(log.of(s), grid) + s.column.zero for s in imu.sources]
-    readings, said = read_imu(imu, np.column_stack(raw))
+    readings, said = read_imu(imu, grid, np.column_stack(raw))
     findings += [finding for finding in said if finding not in findings]
     return readings
 

@@ -25,8 +25,9 @@ class LogSegment(NamedTuple):
     usable: NDArray[np.bool_]
     source: str  # file name
     rows: tuple[int, int]  # (first, last) row of the file, for messages
-    # (N, 10) of a walking robot's IMU: orientation x, y, z, w, angular velocity [rad/s] and
-    # specific force [m/s²] along the IMU's own axes; None of a robot on a fixed base
+    # (N, 10 + f) of a walking robot's IMU: orientation x, y, z, w, angular velocity [rad/s] and
+    # specific force [m/s²] along the IMU's own axes, and of f sensors in its feet, in any unit;
+    # None of a robot on a fixed base
     imu: NDArray[np.float64] | None = None
     # (N, 3) specific force of a vehicle along its axes [m/s²]; None if it is not measured or needed
     specific: NDArray[np.float64] | None = None

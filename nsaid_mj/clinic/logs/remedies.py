@@ -98,7 +98,7 @@ def composed(changes: Mapping[str, object], map_: Mapping[str, Any]) -> dict[str
         for part in _parts_of(table):
             own = own.get(part, {})
         given = own.get(key)
-        if given is None or table == "vehicle":
+        if given is None or table in ("vehicle", "base") or name == "order.joints":
             found[name] = value
         elif table == "order":
             swaps = cast(dict[str, str], value).items()

@@ -1,6 +1,6 @@
 """One signal over time: order of its rows, outliers, noise, quantisation, resampling."""
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy import ndimage
@@ -82,6 +82,13 @@ def unwrap(x: Array) -> tuple[Array, np.ndarray]:
     turns = np.zeros(len(x))
     turns[jumps + 1] = -np.round(steps[jumps] / (2 * np.pi))
     return x + 2 * np.pi * np.cumsum(turns), jumps + 1
+
+
+def heading_unit(x: Array) -> Literal["rad", "deg"]:
+    """The unit of a heading (N,): degrees begin beyond a turn in radians, or jump by 360."""
+    begins = len(x) > 0 and abs(x[0]) > 1.05 * 2 * np.pi
+    jumps = np.abs(np.abs(np.diff(x)) - 360) < 90
+    return "deg" if begins or jumps.any() else "rad"
 
 
 def outliers(t: Array, x: Array) -> np.ndarray:

@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...base import Finding
-from ...core import Array, Indices, moving_joints, slides
-from ...robots import RobotModel
+from ...core import Array, Indices
 from ..identify.choose.servo_effects import effects_of
 from ..identify.problem import Mask
 from .fit import (
@@ -132,7 +131,7 @@ def estimate(given: ServoLogs, report: Callable[[str], None] = lambda _: None) -
         return _with_load(*weigh(given, fitted), given)
     cluster = clusters(logs)
     zero = zeros(logs)
-    slide = _slides(robot)
+    slide = robot.system.slides
     known = _with_kp(fitted, given, cluster, zero)
     judged = []
     effects = []
@@ -160,10 +159,6 @@ def estimate(given: ServoLogs, report: Callable[[str], None] = lambda _: None) -
             one = one.widened(FRICTION, 0.25 * excess)  # half of what it changes with speed
         judged.append(one)
     return ArmEstimate(_moderated(judged, cluster), fitted.used, None, tuple(effects))
-
-
-def _slides(robot: RobotModel) -> list[bool]:
-    return [slides(joint) for joint in moving_joints(robot.model)]
 
 
 def _with_kp(fitted: JointFits, given: ServoLogs, cluster: Indices, zero: Array) -> Mask:
@@ -221,7 +216,7 @@ def _with_load(fit: OutputError[Arm], used: Array, given: ServoLogs) -> ArmEstim
     own = fit.of.logs(fit.x)
     cluster = clusters(given.logs)
     zero = zeros(given.logs)
-    slide = _slides(given.robot)
+    slide = given.robot.system.slides
     spread = covariance_of(fit, np.tile(cluster, n), zero)
     whole = spread.covariance
     moved = spread.moved

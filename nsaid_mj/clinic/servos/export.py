@@ -30,21 +30,7 @@ from numpy.typing import ArrayLike
 from ...base import Finding, write_text
 from ...core import Array
 from ...lab import JointMap, followed_targets, quiet, toolbox
-from ...robots import (
-    TARGET_DELAY,
-    TARGET_PROFILE,
-    actuators_of,
-    actuators_of_file,
-    compile_file,
-    joint_names,
-    joints_of_file,
-    numbers,
-    own_file,
-    relocate,
-    target_delays,
-    target_profiles,
-    write_xml,
-)
+from ...robots import MjcfFile, MjcfText
 from .logs import ServoLog, ServoLogs
 from .result import Replayed, Servo, ServoIdentification, concluded
 
@@ -83,35 +69,26 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
     """
     source = result.robot.source
     assert source is not None  # a model with servos comes from a file
-    spec, mj, _ = compile_file(source)
-    root, _ = own_file(source, spec, mj, [])
-    names = joint_names(mj)
-    actuators = actuators_of_file(root)
-    joints = {joint.get("name"): joint for joint in joints_of_file(root)}
-    delays = target_delays(mj)
-    profiles = target_profiles(mj)
+    file = MjcfFile(source)
+    text = file.text()
+    delays = file.delays
+    profiles = file.profiles
     stated = result.robot.servos
     assert stated is not None  # as the logs were of targets
     for servo, profile in zip(result.servos, stated.profile, strict=True):
-        index = actuators_of(mj, names.index(servo.name))[0]
-        identified = {"armature": servo.armature, "damping": 0.0, "frictionloss": servo.friction}
-        own = joints[servo.name].attrib
-        own.update({key: numbers(value) for key, value in identified.items()})
-        own.update({"solimpfriction": HARD, "solreffriction": _QUICK})
-        _set_actuator(actuators[index], servo)
+        index = file.servos_on([servo.name])[0]
+        own = text.joints[servo.name]
+        text.set(own, armature=servo.armature, damping=0.0, frictionloss=servo.friction)
+        own.attrib.update({"solimpfriction": HARD, "solreffriction": _QUICK})
+        _set_actuator(text.actuators[index], servo)
         delays[index] = servo.delay
         profiles[index] = profile
         if profile[2] == 0:
-            actuators[index].attrib.pop("timeconst", None)
-    stiff = _stiff(mj, result.servos)
+            text.actuators[index].attrib.pop("timeconst", None)
+    stiff = _stiff(file.model, result.servos)
     if stiff:
-        _set_integrator(root)
-    _state(root, TARGET_DELAY, delays)
-    _state(root, TARGET_PROFILE, profiles.T.ravel())
-    relocate(root, spec, source, path.resolve().parent)
-    for scale in result.scale:
-        total = numbers(scale.value * mj.body_subtreemass[0])
-        root.findall("compiler")[-1].set("settotalmass", total)
+        _set_integrator(text.root)
+    text.state_targets(delays, profiles)
     lines = "\n".join(
         f"{s.name}: delay {s.delay * 1e3:.1f} ms, kp "
         + ("determined by gravity" if s.gravity else "a convention")
@@ -123,17 +100,18 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
     )
     remarks = (_PROFILED if profiles.any() else "") + (_IMPLICIT if stiff else "")
     parts = {"masses": weighed, "joints": lines, "profile": remarks}
-    write_xml(path, root, _REMARK.format(verdict=result.verdict, **parts))
+    total = [scale.value * file.model.body_subtreemass[0] for scale in result.scale]
+    text.write(path, _REMARK.format(verdict=result.verdict, **parts), *total)
 
 
 def servos_of_file(result: ServoIdentification) -> Array:
     """(4, n) kp, kv with the joint's damping, armature and frictionloss in the user's own file."""
     source = result.robot.source
     assert source is not None  # a model with servos comes from a file
-    mj = compile_file(source)[1]
+    file = MjcfFile(source)
+    mj = file.model
     joints = [servo.name for servo in result.servos]
-    names = joint_names(mj)
-    own = [actuators_of(mj, names.index(joint))[0] for joint in joints]
+    own = file.servos_on(joints)
     dof = JointMap(mj, joints).dof
     kv = mj.dof_damping[dof] - mj.actuator_biasprm[own, 2]
     return np.array(
@@ -145,7 +123,7 @@ def stiff_notes(result: ServoIdentification) -> tuple[Finding, ...]:
     """Reports servos for which the exported file has another integrator."""
     source = result.robot.source
     assert source is not None  # a model with servos comes from a file
-    mj = compile_file(source)[1]
+    mj = MjcfFile(source).model
     found = _stiff(mj, result.servos)
     if not found:
         return ()
@@ -194,27 +172,17 @@ def _set_integrator(root: Node) -> None:
     option.set("integrator", "implicitfast")
 
 
-def _state(root: Node, name: str, data: Array) -> None:
-    """States a custom numeric, if not all its numbers are 0."""
-    for custom in root.findall("custom"):
-        for old in custom.findall(f"numeric[@name='{name}']"):
-            custom.remove(old)
-    if data.any():
-        SubElement(SubElement(root, "custom"), "numeric", name=name, data=numbers(data))
-
-
 def _set_actuator(element: Node, servo: Servo) -> None:
     """Gives an actuator its gains."""
     for key in ("dampratio", "forcerange", "damping", "armature", "delay", "nsample"):
         element.attrib.pop(key, None)
     element.set("forcelimited", "false" if servo.limit is None else "true")
     if servo.limit is not None:
-        element.set("forcerange", numbers([-servo.limit, servo.limit]))
+        MjcfText.set(element, forcerange=[-servo.limit, servo.limit])
     if element.tag == "position":
-        element.attrib.update({"kp": numbers(servo.kp), "kv": numbers(servo.kv)})
+        MjcfText.set(element, kp=servo.kp, kv=servo.kv)
     else:
-        element.set("gainprm", numbers(servo.kp))
-        element.set("biasprm", numbers([0.0, -servo.kp, -servo.kv]))
+        MjcfText.set(element, gainprm=servo.kp, biasprm=[0.0, -servo.kp, -servo.kv])
 
 
 def rollout(
@@ -238,11 +206,12 @@ def rollout(
         horizon: time after which the simulation starts again from the measured position and
             velocity [s]. The row at which it does holds what was predicted for it.
     """
-    spec, mj, _ = compile_file(path)
-    names = joint_names(mj)
-    servos = [actuators_of(mj, names.index(joint))[0] for joint in joints]
-    delay = target_delays(mj)[servos] if delay is None else np.broadcast_to(delay, len(servos))
-    profile = target_profiles(mj)[servos]
+    file = MjcfFile(path)
+    spec = file.spec
+    mj = file.model
+    servos = file.servos_on(joints)
+    delay = file.delays[servos] if delay is None else np.broadcast_to(delay, len(servos))
+    profile = file.profiles[servos]
     target = log.target
     if profile.any():
         target = followed_targets(log.t, log.issued, profile)
@@ -393,14 +362,15 @@ class _ReplaySearch:
         self.joints = given.robot.joints
         self.best = best
         assert source is not None  # a model with servos comes from a file
-        self.spec, mj, _ = compile_file(source)
+        file = MjcfFile(source)
+        self.spec = file.spec
+        mj = file.model
         for folder in ("meshdir", "texturedir"):
             setattr(self.spec, folder, str(source.resolve().parent / getattr(self.spec, folder)))
         self.spec.option.timestep = _STEP
         self.spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-        names = joint_names(mj)
         dof = JointMap(mj, self.joints).dof
-        self.servos = [actuators_of(mj, names.index(joint))[0] for joint in self.joints]
+        self.servos = file.servos_on(self.joints)
         kv = mj.dof_damping[dof] - mj.actuator_biasprm[self.servos, 2]
         start = given.kp, kv, mj.dof_armature[dof], mj.dof_frictionloss[dof]
         self.start = np.maximum(np.array(start), _LEAST)

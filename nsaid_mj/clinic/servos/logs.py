@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...base import Finding, InvalidInput, pin, refused
-from ...core import Array, positions
+from ...base import Finding, InvalidInput, pin
+from ...core import Array, JointTree
 from ...lab import followed_targets
 from ...robots import RobotModel, Servos
 from ..identify.loads import Load
@@ -170,7 +170,7 @@ def read_servo_logs(
     measured = np.concatenate([log.position for log in logs])
     findings += _in_one(beyond_limits(measured, fast, robot), robot, measured)
     findings += _motionless(logs)
-    if refused(findings):
+    if Finding.refused(findings):
         raise UnusableLog(tuple(findings))
     return tuple(weighed(model, log) for log in logs), tuple(findings)
 
@@ -279,7 +279,7 @@ def weighed(model: pin.Model, log: ServoLog) -> ServoLog:
     early, late = (np.transpose([np.interp(t, log.t, x) for x in log.position.T]) for t in ends)
     v = (late - early) / (2 * _SPAN)
     still = np.zeros(load.shape[1])
-    for k, at in enumerate(positions(model, log.position)):
+    for k, at in enumerate(JointTree.links(model).position(log.position)):
         mass[k] = pin.crba(model, data, at)
         load[k] = pin.rnea(model, data, at, v[k], still)
     mass = np.triu(mass) + np.triu(mass, 1).swapaxes(1, 2)

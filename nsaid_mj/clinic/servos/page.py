@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ... import __version__
-from ...core import Array, moving_joints, slides
+from ...core import Array
 from ...report import (
     Cell,
     Comparison,
@@ -129,9 +129,8 @@ def _replay(result: ServoIdentification, log: ServoLog) -> Section:
 def _servos(result: ServoIdentification) -> list[PageItem]:
     """Every servo with its 95 % intervals."""
     lines: list[list[Cell]] = []
-    joints = moving_joints(result.robot.model)
-    for k, (servo, joint) in enumerate(zip(result.servos, joints, strict=True)):
-        slide = slides(joint)
+    slides = result.robot.system.slides
+    for k, (servo, slide) in enumerate(zip(result.servos, slides, strict=True)):
         own = result.parameters[_PER_SERVO * k : _PER_SERVO * (k + 1)]
         cells = [_cell(p, slide) for p in own if p.name.partition("_")[0] in _SHOWN]
         small = _UNITS["f"][slide]

@@ -110,18 +110,19 @@ class Confidence(NamedTuple):
     prior: Array  # (p, p) covariance before any data
     blocks: Array  # (n,) effective number of independent samples per row of the momentum balance
 
+    @staticmethod
+    def of_gains(stated: Confidence | None, theta_hat: Array, space: ParameterSpace) -> Array:
+        """(a,) relative standard deviations of k_i over the mean of all actuators.
 
-def gain_deviations(
-    confidence: Confidence | None, theta_hat: Array, space: ParameterSpace
-) -> Array:
-    """(a,) relative standard deviations of k_i over the mean of all actuators; inf if unknown."""
-    k = space.actuators
-    if confidence is None:
-        return np.full(len(k), np.inf)
-    share = np.eye(len(k)) - 1 / len(k)
-    gains = np.where(theta_hat[k] == 0, space.scale[k], theta_hat[k])  # 0 is a failed actuator's
-    relative = confidence.covariance[np.ix_(k, k)] / np.outer(gains, gains)
-    return np.sqrt(np.maximum(np.diag(share @ relative @ share), 0.0))
+        inf where nothing is stated.
+        """
+        k = space.actuators
+        if stated is None:
+            return np.full(len(k), np.inf)
+        share = np.eye(len(k)) - 1 / len(k)
+        gains = np.where(theta_hat[k] == 0, space.scale[k], theta_hat[k])  # 0: a failed actuator's
+        relative = stated.covariance[np.ix_(k, k)] / np.outer(gains, gains)
+        return np.sqrt(np.maximum(np.diag(share @ relative @ share), 0.0))
 
 
 class Identifier(ABC):

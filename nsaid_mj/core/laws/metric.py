@@ -46,6 +46,9 @@ class Metric(ABC):
     Gamma: Array  # (p,) or (p, p) adaptation gain of (45), or of the metric's quadratic part
     conserves: bool  # whether there is a conserved quantity
     divides: ClassVar[bool] = False  # whether a step that is not accurate is divided
+    # whether its compiled functions only copy, add, multiply and divide numbers, so that they can
+    # be compiled for several runs at once (`numerics.lanes`)
+    together: ClassVar[bool] = False
     cancelling: float  # size of the terms that cancel in `divergence`, besides its value [J]
     compiled: ClassVar[CompiledMetric]  # its functions for compiled loops
     numbers: Any  # its numbers for them, a NamedTuple of arrays and numbers
@@ -113,6 +116,7 @@ class ConstantMetric(Metric):
 
     cancelling = 0.0
     compiled = COMPILED
+    together = True
 
     def __init__(self, Gamma: Array, held: np.ndarray | None = None, size: int | None = None):
         size = len(Gamma) if size is None else size

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...base import InvalidInput, beside
 from ..log import Log, Measurement
+from ..numerics.lanes import COMPILED, WIDTH
 from ..parameters import Array
 from ..structure.motion import Motion
 from ..structure.system import SecondOrderSystem, checked
 from .base import Confidence, Estimates, Identifier, State, Status
 from .metric import ConstantMetric, Metric, positive_gain
-from .rk4 import Step, flow_in
+from .rk4 import Step, flow_in, flow_together_in
 
 if TYPE_CHECKING:
     from .memory.implicit import ImplicitMemory
@@ -172,6 +173,24 @@ class NullspaceIdentifier(Identifier):
             return end_of(state, log, estimates, _stay(log, estimates))
         return end_of(state, log, estimates, self._follow(log, estimates, motion))
 
+    @staticmethod
+    def along_together(
+        laws: Sequence[NullspaceIdentifier], states: Sequence[State], log: Log, motion: Motion
+    ) -> Iterator[tuple[State, Estimates]]:
+        """What `along` returns for each of several identifiers of one system, with the same bits.
+
+        Where their metric allows it, `WIDTH` of them take their steps at once, each in a SIMD lane.
+
+        Raises:
+            InvalidInput: the log's widths are not the system's.
+        """
+        for at in range(0, len(laws), WIDTH):
+            some = list(zip(laws[at : at + WIDTH], states[at : at + WIDTH], strict=True))
+            if _fit_in_lanes(some, motion):
+                yield from _in_lanes(some, log, motion)
+            else:
+                yield from (law.along(state, log, motion) for law, state in some)
+
     def motion(self, log: Log) -> Motion:
         """All parts of the RK4 stages along a log that do not depend on the estimate."""
         return self.system.motion(log, self.hermite)
@@ -273,6 +292,66 @@ def _stay(log: Log, estimates: Estimates) -> int:
     estimates.pivot[1:] = estimates.pivot[0]
     finite = np.all([np.isfinite(p.reshape(len(p), -1)).all(axis=1) for p in log], axis=0)
     return int(np.argmin(finite)) if not finite.all() else len(log.t)
+
+
+_FEW = 2
+"""So many identifiers are faster one by one than in lanes of which most are spare."""
+
+
+def _fit_in_lanes(runs: Sequence[tuple[NullspaceIdentifier, State]], motion: Motion) -> bool:
+    """Whether identifiers with their states can take their steps together."""
+    kinds = {(type(law.metric), law._gain.shape, law.metric.Gamma.shape) for law, _ in runs}
+    return (
+        COMPILED
+        and len(runs) > _FEW
+        and len(kinds) == 1
+        and runs[0][0].metric.together
+        and not motion.outside.address
+        and not runs[0][0].system.structure.contacts
+        and all(state.status is Status.completed for _, state in runs)
+    )
+
+
+def _in_lanes(
+    runs: Sequence[tuple[NullspaceIdentifier, State]], log: Log, motion: Motion
+) -> list[tuple[State, Estimates]]:
+    """What `along` returns for up to `WIDTH` identifiers, each with its state."""
+    law, _ = runs[0]
+    law.check(log)
+    count = len(log.t)
+    spare = [runs[-1]] * (WIDTH - len(runs))
+    lanes = [*runs, *spare]
+    v_hats = np.empty((count, law.system.n, WIDTH))
+    theta_hats = np.empty((count, law.system.p, WIDTH))
+    pivots = np.empty((count, WIDTH))
+    v_hats[0] = np.stack([state.v_hat for _, state in lanes], axis=-1)
+    theta_hats[0] = np.stack([state.theta_hat for _, state in lanes], axis=-1)
+    pivots[0] = [state.pivot for _, state in lanes]
+    gains = _beside([one._gain for one, _ in lanes])
+    numbers = _beside([one.metric.numbers for one, _ in lanes])
+    step, own = (_beside([part] * WIDTH) for part in law._workspace())
+    follow = flow_together_in(type(law.metric))
+    row = follow(gains, numbers, motion, v_hats, theta_hats, pivots, 1, step, own)
+    found = []
+    for k, (one, state) in enumerate(runs):
+        estimates = Estimates(
+            v_hats[..., k].copy(),
+            theta_hats[..., k].copy(),
+            pivots[:, k].copy(),
+            np.full(count, state.spent),
+        )
+        failed = row
+        if row < count and estimates.pivot[row] > 0:  # another one's M̂ is not positive definite
+            failed = one._flow(motion, *estimates[:3], row)
+        found.append(end_of(state, log, estimates, failed))
+    return found
+
+
+def _beside(parts: Sequence[Any]) -> Any:
+    """Arrays, or tuples of arrays, side by side along a new last axis."""
+    if isinstance(parts[0], tuple):
+        return type(parts[0])(*(_beside(each) for each in zip(*parts, strict=True)))
+    return np.stack(parts, axis=-1)
 
 
 def end_of(state: State, log: Log, estimates: Estimates, failed: int) -> tuple[State, Estimates]:

@@ -7,12 +7,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types
 
-from ..numerics.kernels import f8, i8, kernel_for, matrix, routine, vector, void
+from ..numerics.kernels import composed, f8, i8, kernel_for, matrix, routine, vector, void
+from ..numerics.lanes import as_lanes, widened
 from ..numerics.linalg import copy_into, times_into
 from ..parameters import Array
 from ..structure.arrays import Workspace, workspace
 from ..structure.compiled import WORKSPACE
-from ..structure.motion import MOTION, stage
+from ..structure.motion import MOTION, own_stage, stage
 from .metric import Metric
 
 
@@ -139,17 +140,56 @@ def follow(K, numbers, motion, v_hats, theta_hats, pivots, first, work, own):
 @cache
 def flow_in(kind: type[Metric]) -> Callable[..., int]:
     """`follow` in a kind of metric; each is compiled when it is first called."""
+    return kernel_for(kind, _signature(kind), follow, **_meanings(kind))
+
+
+def _signature(kind: type[Metric], array: Callable[[Any], Any] = lambda of_one: of_one) -> Any:
+    """That of `follow` in a kind of metric; `array` gives the types of what is a run's own."""
     metric = kind.compiled
-    signature = i8(
-        matrix, metric.numbers, MOTION, matrix, matrix, vector, i8, STEP, metric.workspace
+    gains = array(matrix), array(metric.numbers)
+    rows = array(matrix), array(matrix), array(vector)
+    return i8(*gains, MOTION, *rows, i8, array(STEP), array(metric.workspace))
+
+
+def _meanings(kind: type[Metric]) -> dict[str, Any]:
+    """Of the names in the text of `follow`."""
+    metric = kind.compiled
+    return {
+        "enter": metric.enter,
+        "leave": metric.leave,
+        "adapt": metric.adapt,
+        "hold": metric.hold,
+        "accurate": metric.accurate,
+    }
+
+
+# -- several runs at once --------------------------------------------------------------------------
+
+follow_one: Any = None  # `follow` in a metric
+
+
+def follow_together(K, numbers, motion, v_hats, theta_hats, pivots, first, work, own):
+    """Integrates (44, 45) for `WIDTH` runs along a motion that they share.
+
+    The arguments are those of `follow`; all but `motion` and `first` have an axis more, the last,
+    with a number for each run. Returns the first row at which any M̂ was not positive definite.
+    """
+    return follow_one(
+        as_lanes(K),
+        as_lanes(numbers),
+        motion,
+        as_lanes(v_hats),
+        as_lanes(theta_hats),
+        as_lanes(pivots),
+        first,
+        as_lanes(work),
+        as_lanes(own),
     )
-    return kernel_for(
-        kind,
-        signature,
-        follow,
-        enter=metric.enter,
-        leave=metric.leave,
-        adapt=metric.adapt,
-        hold=metric.hold,
-        accurate=metric.accurate,
-    )
+
+
+@cache
+def flow_together_in(kind: type[Metric]) -> Callable[..., int]:
+    """`follow_together` in a kind of metric that is `together`."""
+    text = composed(kind, follow, stage=own_stage, **_meanings(kind))
+    one = routine(_signature(kind))(text)
+    return kernel_for(kind, _signature(kind, widened), follow_together, follow_one=one)

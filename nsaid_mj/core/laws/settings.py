@@ -14,11 +14,9 @@ class MemoryConfig(Config):
         pace: κ/μ [1/s], the rate at which a direction converges in which the data carry as much
             information as the barrier; better observed directions converge faster.
         anchor: weight of the divergence from the prior relative to the data; 1 counts the prior as
-            one measurement whose error is as large as the prior itself. None is 1 with noisy
-            sensors or contacts that sink in, else 0: unexcited directions then simply stay where
-            they are. With inexact data 0 or a small weight is not recommended: along unexcited
-            directions noise alone then moves the estimate, and its scale, which the anchor would
-            hold.
+            one measurement whose error is as large as the prior itself. None is 0 with exact data,
+            else 1 (noisy sensors, or contacts that sink in). With inexact data keep it near 1:
+            otherwise noise makes the scale and all unexcited directions drift.
         horizon: time constant of forgetting [s]; 0 never forgets. Information is forgotten only
             in directions in which new data bring as much: unexcited directions keep theirs.
     """

@@ -18,27 +18,6 @@ from ...base import InvalidInput
 from ..parameters import Array
 
 
-def level(window: Array, dt: float, basis: Array | None = None) -> float:
-    """ε₀ of one window.
-
-    Args:
-        window: (k, n, p) samples of the regressor times diag(scale) [N·m].
-        dt: time between samples [s].
-        basis: (p, d) orthonormal basis of the subspace to which w is restricted (P̄_⊥ for (75));
-            None is the whole space (2).
-
-    Returns:
-        ε₀ [N·m·s], from the stack's singular values, so that it resolves 1e-15 of the largest.
-    """
-    k, n, p = window.shape
-    B = window.reshape(k * n, p)
-    B = B if basis is None else B @ basis
-    if B.shape[0] < B.shape[1] or B.shape[1] == 0:
-        return 0.0 if B.shape[1] else np.inf
-    smallest = np.linalg.svd(B, compute_uv=False)[-1]
-    return float(np.sqrt(k * dt) * np.sqrt(dt) * smallest)
-
-
 class PersistenceMonitor:
     """Levels of (2) and (75) during a run, from the identifier's own regressor.
 
@@ -58,6 +37,27 @@ class PersistenceMonitor:
     Raises:
         InvalidInput: the window is not positive.
     """
+
+    @staticmethod
+    def level_of(window: Array, dt: float, basis: Array | None = None) -> float:
+        """ε₀ of one window.
+
+        Args:
+            window: (k, n, p) samples of the regressor times diag(scale) [N·m].
+            dt: time between samples [s].
+            basis: (p, d) orthonormal basis of the subspace to which w is restricted (P̄_⊥ for (75));
+                None is the whole space (2).
+
+        Returns:
+            ε₀ [N·m·s], from the stack's singular values, so that it resolves 1e-15 of the largest.
+        """
+        k, n, p = window.shape
+        B = window.reshape(k * n, p)
+        B = B if basis is None else B @ basis
+        if B.shape[0] < B.shape[1] or B.shape[1] == 0:
+            return 0.0 if B.shape[1] else np.inf
+        smallest = np.linalg.svd(B, compute_uv=False)[-1]
+        return float(np.sqrt(k * dt) * np.sqrt(dt) * smallest)
 
     def __init__(self, p: int, r: int, window: float):
         if not (np.isfinite(window) and window > 0):

@@ -1,10 +1,12 @@
 """The persistent nullspace P_s(θ): its basis, its rank, its directions in words.
 
-All coordinates are θ_s = θ/scale. Rank is decided in one place, `split`, by the singular values of
-the row-normalised stack of W·diag(scale) over many samples. Normalising rows does not change the
-nullspace, and gives a wrist's torque the same weight as a shoulder's. Eigenvalues of the Gramian
-WᵀW would square the condition number, and are not used for rank.
+All coordinates are θ_s = θ/scale. Rank is decided in one place, `Nullspace.of`, by the singular
+values of the row-normalised stack of W·diag(scale) over many samples. Normalising rows does not
+change the nullspace, and gives a wrist's torque the same weight as a shoulder's. Eigenvalues of the
+Gramian WᵀW would square the condition number, and are not used for rank.
 """
+
+from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -36,6 +38,40 @@ class Nullspace:
     singular_values: Array  # (p,) of the stack, largest first, relative to the largest
     tolerance: float  # threshold below which they count as 0
 
+    @classmethod
+    def of(cls, stack: Array, tolerance: float = TOLERANCE) -> Nullspace:
+        """The nullspace of a stack of regressors, and its complement: the one rank decision.
+
+        The stack (N, p) has rows of W·diag(scale); singular values below `tolerance` of the largest
+        count as 0.
+
+        Raises:
+            InvalidInput: the stack is empty or not finite.
+        """
+        if stack.ndim != 2 or not len(stack) or not np.isfinite(stack).all():
+            raise InvalidInput(
+                "stack", "finite rows (N, p)", f"shape {stack.shape}", "Record longer."
+            )
+        length = np.linalg.norm(stack, axis=1)
+        rows = stack[length > 0] / length[length > 0, None]
+        if len(rows) < rows.shape[1]:
+            rows = np.vstack([rows, np.zeros((rows.shape[1] - len(rows), rows.shape[1]))])
+        R = np.linalg.qr(rows, mode="r")  # same singular values and right vectors, p rows only
+        _, s, Vt = scipy.linalg.svd(R, lapack_driver="gesvd")  # gesdd may fail to converge
+        s = s / s[0] if s[0] > 0 else s
+        rank = int(np.count_nonzero(s > tolerance))
+        return cls(Vt[rank:].T, Vt[:rank].T, s, tolerance)
+
+    @classmethod
+    def structural(
+        cls, system: SecondOrderSystem, theta: Array, rng: np.random.Generator
+    ) -> Nullspace:
+        """P_s(θ) over all motions, from random states with the acceleration v̇ of (20) under θ.
+
+        M(x, θ) must be positive definite at θ (p,).
+        """
+        return cls.of(regressor_stack(system, theta, rng))
+
     @property
     def r(self) -> int:
         """dim P_s(θ)."""
@@ -63,35 +99,27 @@ class Nullspace:
         length = np.linalg.norm(theta_s, axis=-1)
         return np.linalg.norm(perpendicular, axis=-1) / np.where(length > 0, length, np.inf)
 
+    def directions(self, space: ParameterSpace) -> list[Direction]:
+        """Describes P_s(θ) by a sparse basis in words: common scales first, then trade-offs.
 
-def split(stack: Array, tolerance: float = TOLERANCE) -> Nullspace:
-    """The nullspace of a stack of regressors, and its complement: the one rank decision.
-
-    The stack (N, p) has rows of W·diag(scale); singular values below `tolerance` of the largest
-    count as 0.
-
-    Raises:
-        InvalidInput: the stack is empty or not finite.
-    """
-    if stack.ndim != 2 or not len(stack) or not np.isfinite(stack).all():
-        raise InvalidInput("stack", "finite rows (N, p)", f"shape {stack.shape}", "Record longer.")
-    length = np.linalg.norm(stack, axis=1)
-    rows = stack[length > 0] / length[length > 0, None]
-    if len(rows) < rows.shape[1]:
-        rows = np.vstack([rows, np.zeros((rows.shape[1] - len(rows), rows.shape[1]))])
-    R = np.linalg.qr(rows, mode="r")  # same singular values and right vectors, p rows only
-    _, s, Vt = scipy.linalg.svd(R, lapack_driver="gesvd")  # gesdd may fail to converge
-    s = s / s[0] if s[0] > 0 else s
-    rank = int(np.count_nonzero(s > tolerance))
-    return Nullspace(Vt[rank:].T, Vt[:rank].T, s, tolerance)
-
-
-def structural(system: SecondOrderSystem, theta: Array, rng: np.random.Generator) -> Nullspace:
-    """P_s(θ) over all motions, from random states with the acceleration v̇ of (20) under θ.
-
-    M(x, θ) must be positive definite at θ (p,).
-    """
-    return split(regressor_stack(system, theta, rng))
+        Two parameters whose rows of P̄ are parallel can only change together: they share a scale.
+        Every such group that contains actuators is one common scale. Trade-offs of one leading
+        parameter against few others describe the subspace of P_s that leaves these groups
+        unchanged.
+        """
+        P = self.P
+        found: list[Direction] = []
+        groups = _groups(P, space.actuators)
+        for group in groups:
+            found.append(_scale(group, len(groups) == 1, space))
+        held: Indices = np.concatenate(groups) if groups else np.zeros(0, dtype=np.intp)
+        rest = P @ _null(P[held]) if len(held) else P
+        pivots = _pivots(rest, _preference(space))
+        if len(pivots):
+            sparse = _sparsen(rest @ np.linalg.inv(rest[pivots]), pivots)
+            for column, pivot in enumerate(pivots):
+                found.append(_trade(sparse[:, column], pivot, space))
+        return found
 
 
 def regressor_stack(system: SecondOrderSystem, theta: Array, rng: np.random.Generator) -> Array:
@@ -114,9 +142,9 @@ def regressor_stack(system: SecondOrderSystem, theta: Array, rng: np.random.Gene
 def parts_of(system: SecondOrderSystem) -> Array:
     """(s, p) 0 or 1: the parameters of each part of a robot whose scale no motion reveals.
 
-    Multiplied by one factor, they solve W θ = 0 as before, because they and no others act on some
-    of the velocities: those of each limb that only the fixed base connects, or of the whole robot.
-    What acts on nothing belongs to the first part.
+    A part is a limb that shares only the fixed base with the others, or the whole robot. Its
+    parameters, and no others, act on its velocities: multiplied by one factor they still solve
+    W θ = 0. Parameters that act on nothing belong to the first part.
     """
     rng = np.random.default_rng(0)
     q, v, u = zip(*(system.random_state(rng) for _ in range(_STATES)), strict=True)
@@ -136,32 +164,10 @@ def parts_of(system: SecondOrderSystem) -> Array:
 class Direction:
     """One direction of P_s(θ), described for a roboticist."""
 
-    words: str  # the change that has no effect on the motion, in terms of the parameters' labels
+    words: str  # the change that does not affect the motion, in terms of the parameters' labels
     parameters: tuple[str, ...]  # names of the parameters involved, the leading one first
     weights: tuple[float, ...]  # changes in θ/scale over the leading one's; empty for a scale
     fix: str  # the parameters that one known value would determine
-
-
-def directions(nullspace: Nullspace, space: ParameterSpace) -> list[Direction]:
-    """Describes P_s(θ) by a sparse basis in words: common scales first, then trade-offs.
-
-    Two parameters whose rows of P̄ are parallel can only change together: they share a scale. Every
-    such group that contains actuators is one common scale. Trade-offs of one leading parameter
-    against few others describe the subspace of P_s that leaves these groups unchanged.
-    """
-    P = nullspace.P
-    found: list[Direction] = []
-    groups = _groups(P, space.actuators)
-    for group in groups:
-        found.append(_scale(group, len(groups) == 1, space))
-    held: Indices = np.concatenate(groups) if groups else np.zeros(0, dtype=np.intp)
-    rest = P @ _null(P[held]) if len(held) else P
-    pivots = _pivots(rest, _preference(space))
-    if len(pivots):
-        sparse = _sparsen(rest @ np.linalg.inv(rest[pivots]), pivots)
-        for column, pivot in enumerate(pivots):
-            found.append(_trade(sparse[:, column], pivot, space))
-    return found
 
 
 def _groups(P: Array, actuators: Indices) -> list[Indices]:
@@ -275,9 +281,9 @@ def _trade(weights: Array, pivot: int, space: ParameterSpace) -> Direction:
     lead = space.labels[pivot]
     names = tuple(space.names[i] for i in (pivot, *others))
     if not others:
-        words = f"{lead} alone: it has no effect on the motion"
+        words = f"{lead} alone: it does not affect the motion"
         fix = f"only knowing {lead} itself"
     else:
         words = f"{lead} against {phrase(space.labels[i] for i in others)}"
-        fix = f"one known number among these, e.g. {lead}, fixes this trade"
+        fix = f"any one of these, e.g. {lead}, determines the others"
     return Direction(words, names, (1.0, *(float(weights[i]) for i in others)), fix)

@@ -24,6 +24,7 @@ from ...base import timed
 from . import shipped
 from .cache import FOLDER, one_process, use_folder
 from .errors import DamagedKernelCache, NoKernelCache
+from .lanes import has_lanes, laned
 
 f8 = types.f8
 i8 = types.i8
@@ -65,11 +66,16 @@ def kernel_for(kind: type, signature: Any, text: Callable[..., Any], **meanings:
     Numba's cache does not see when one of the meanings changes, so it is used for our classes only.
     """
     ours = kind.__module__.partition(".")[0] == __name__.partition(".")[0]
+    return kernel(signature, cache=ours)(composed(kind, text, **meanings))
+
+
+def composed(kind: type, text: Callable[..., Any], **meanings: Any) -> FunctionType:
+    """A function with another's text, in which some global names have the meanings for a class."""
     name = f"{text.__name__}_{kind.__module__}.{kind.__qualname__}".replace(".", "_")
     made = FunctionType(text.__code__, text.__globals__ | meanings, name)
     made.__qualname__ = name
     made.__doc__ = text.__doc__
-    return kernel(signature, cache=ours)(made)
+    return made
 
 
 def inlined(kernel: Any) -> Any:
@@ -92,18 +98,35 @@ class Compiled(ABC):
         self.py_func = function
         self.signature = signature
         self._options = options if signature is None else FAST | options
+        self._parts: dict[Any, Any] = {}  # what numba made of it, by types of arguments
         if signature is not None:
 
-            def typed(*_: Any) -> Any:
-                return signature
+            def typed(*given: Any) -> Any:
+                return laned(signature, given) if any(map(has_lanes, given)) else signature
 
             typed.pysig = inspect.signature(function)  # type: ignore[attr-defined]
             type_callable(self)(lambda _: typed)
-            lower_builtin(self, *signature.args)(self._call)
+            lower_builtin(self, types.VarArg(types.Any))(self._lower)
 
     @abstractmethod
     def __call__(self, *arguments: Any) -> Any:
         """Calls it from Python."""
+
+    def _lower(self, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        """Code that calls it; of several runs at once, it becomes part of its caller."""
+        call = self._call if signature.args == self.signature.args else self._call_part
+        return call(context, builder, signature, arguments)
+
+    def _call_part(self, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        """Code that calls it as a part of its caller."""
+        made = self._parts.get(signature.args)
+        if made is None:
+            function = _njit(no_cpython_wrapper=True, **self._options)(self.py_func)
+            function.compile(signature)
+            (made,) = function.overloads.values()
+            self._parts[signature.args] = made
+        context.add_linking_libs([made.library])
+        return context.call_internal_no_propagate(builder, made.fndesc, signature, arguments)[1]
 
     @abstractmethod
     def _call(self, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -117,19 +140,9 @@ class Part(Compiled):
         """Its text, run by Python."""
         return self.py_func(*arguments)
 
-    @cached_property
-    def _made(self) -> Any:
-        """What numba makes of it."""
-        function = _njit(no_cpython_wrapper=True, **self._options)(self.py_func)
-        function.compile(self.signature)
-        (made,) = function.overloads.values()
-        return made
-
     def _call(self, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         """Code that calls it."""
-        context.add_linking_libs([self._made.library])
-        made = self._made.fndesc
-        return context.call_internal_no_propagate(builder, made, signature, arguments)[1]
+        return self._call_part(context, builder, signature, arguments)
 
 
 class Kernel(Compiled):

@@ -1,8 +1,8 @@
 """Formulas on small matrices, evaluated for several matrices at once: one SIMD lane per matrix.
 
-LLVM vectorises a loop over lanes if its body is straight-line code. Loops over the entries of a
-10 × 10 triangle are not, so `over_lanes` unrolls them: it runs the formula once in Python, on
-symbols in place of numbers, and what the formula does to them becomes the body of the loop.
+LLVM vectorises a loop over lanes only if the loop's body has no inner loops. Those over the entries
+of a 10 × 10 triangle are therefore unrolled by `over_lanes`: it runs the formula once in Python on
+symbols, and writes the recorded operations as the body.
 """
 
 from __future__ import annotations

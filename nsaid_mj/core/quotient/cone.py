@@ -6,12 +6,15 @@ an SPD matrix; or, where its entries are tied, fewer numbers with Σ θ_l E_l �
 inequality.
 """
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import numpy as np
 from numba import types
 
-from ..numerics.kernels import boolean, f8, i8, kernel, table, vector
+from ..numerics.kernels import boolean, f8, i8, kernel, table, vector, void
+from ..numerics.kernels import matrix as square
 from ..parameters import Array, Block, Indices, ParameterSpace
 
 compiled = kernel(error_model="numpy", _nrt=True)  # division by 0 gives inf or NaN
@@ -31,6 +34,68 @@ class Cone(NamedTuple):
     others: Indices  # (b − l,) indices of the other blocks
     degree: int  # ν, the number of `positive` parameters plus the sum of all k
 
+    @classmethod
+    def of(cls, space: ParameterSpace) -> Cone:
+        """The cones of a parameter space."""
+        positive = []
+        blocks = []
+        entries = []
+        values = []
+        degree = 0
+        links = []
+        others = []
+        for block, place in space:
+            if block.geometry == "positive":
+                positive += range(place.start, place.stop)
+                degree += len(block)
+            elif block.geometry != "free":
+                basis = _basis(block)
+                k = 1 + max(i for i, *_ in basis)
+                if block.geometry == "pseudo_inertia":
+                    links.append(place.start)
+                else:
+                    others.append(len(blocks))
+                blocks.append((place.start, place.stop, k, len(entries), len(entries) + len(basis)))
+                entries += [(i, j, place.start + at) for i, j, at, _ in basis]
+                values += [value for *_, value in basis]
+                degree += k
+        places = np.array(entries, dtype=np.intp).reshape(-1, 3)
+        return cls(
+            np.array(positive, dtype=np.intp),
+            np.array(blocks, dtype=np.intp).reshape(-1, 5),
+            places,
+            np.array(values, dtype=np.float64),
+            np.where(places[:, 0] == places[:, 1], 1.0, 2.0) * values,
+            np.array(links, dtype=np.intp),
+            np.array(others, dtype=np.intp),
+            degree,
+        )
+
+    def contains(self, theta: Array) -> bool:
+        """Whether θ (p,) is inside: every number > 0, every matrix positive definite."""
+        return bool(inside(self, theta))
+
+    def barrier(self, theta: Array) -> float:
+        """b(θ) at θ (p,); infinite outside the cone. See `quotient.barrier`."""
+        return float(height_of(self, np.array(theta, dtype=np.float64)))
+
+    def derivatives(self, theta: Array) -> tuple[Array, Array]:
+        """∇b (p,) and the block-diagonal ∇²b (p, p) at θ (p,); NaN outside the cone.
+
+        Their entries are −tr(P⁻¹E_l) and tr(P⁻¹E_l P⁻¹E_m).
+        """
+        gradient = np.zeros(len(theta))
+        hessian = np.zeros((len(theta), len(theta)))
+        differentiate(self, np.array(theta, dtype=np.float64), gradient, hessian)
+        return gradient, hessian
+
+    def length(self, theta: Array, step: Array) -> float:
+        """Length (dᵀ ∇²b(θ) d)^½ of a step d (p,) at θ (p,); a step shorter than 1 stays inside.
+
+        NaN outside the cone.
+        """
+        return float(np.sqrt(step @ self.derivatives(theta)[1] @ step))
+
 
 CONE = types.NamedTuple((i8[::1], table, table, vector, vector, i8[::1], i8[::1], i8), Cone)
 
@@ -40,43 +105,6 @@ NO_CONE = Cone(
     _NONE, _NONE.reshape(0, 5), _NONE.reshape(0, 3), np.empty(0), np.empty(0), _NONE, _NONE, 0
 )
 """The cone of free parameters."""
-
-
-def cone_of(space: ParameterSpace) -> Cone:
-    """The cones of a parameter space."""
-    positive = []
-    blocks = []
-    entries = []
-    values = []
-    degree = 0
-    links = []
-    others = []
-    for block, place in space:
-        if block.geometry == "positive":
-            positive += range(place.start, place.stop)
-            degree += len(block)
-        elif block.geometry != "free":
-            basis = _basis(block)
-            k = 1 + max(i for i, *_ in basis)
-            if block.geometry == "pseudo_inertia":
-                links.append(place.start)
-            else:
-                others.append(len(blocks))
-            blocks.append((place.start, place.stop, k, len(entries), len(entries) + len(basis)))
-            entries += [(i, j, place.start + at) for i, j, at, _ in basis]
-            values += [value for *_, value in basis]
-            degree += k
-    places = np.array(entries, dtype=np.intp).reshape(-1, 3)
-    return Cone(
-        np.array(positive, dtype=np.intp),
-        np.array(blocks, dtype=np.intp).reshape(-1, 5),
-        places,
-        np.array(values, dtype=np.float64),
-        np.where(places[:, 0] == places[:, 1], 1.0, 2.0) * values,
-        np.array(links, dtype=np.intp),
-        np.array(others, dtype=np.intp),
-        degree,
-    )
 
 
 def _basis(block: Block) -> list[tuple[int, int, int, float]]:
@@ -288,3 +316,62 @@ def solve_in_place(L, x, n):
         x[i] *= L[i, i]
         for m in range(i):
             x[m] -= L[i, m] * x[i]
+
+
+@compiled
+def hessian_into(entries, weights, start, S, hessian, c):
+    """Writes the lower triangle of a block's part tr(P⁻¹E_l P⁻¹E_m) of ∇²b, from S = P⁻¹ (k, k).
+
+    The block has c parameters in θ from `start` on, rows [i, j, l] in entries (e, 3), weights (e,).
+    hessian is (c, c) or larger.
+    """
+    for i in range(c):
+        for j in range(c):
+            hessian[i, j] = 0.0
+    for e in range(entries.shape[0]):
+        a = entries[e, 0]
+        b = entries[e, 1]
+        row = entries[e, 2] - start
+        for f in range(entries.shape[0]):
+            i = entries[f, 0]
+            j = entries[f, 1]
+            column = entries[f, 2] - start
+            if column > row:
+                break
+            weight = 0.5 * weights[e] * weights[f]
+            hessian[row, column] += weight * (S[a, i] * S[b, j] + S[a, j] * S[b, i])
+
+
+@kernel(void(CONE, vector, vector, square), _nrt=True)
+def differentiate(cone, theta, gradient, hessian):
+    """Writes ∇b, and ∇²b if `hessian` is (p, p) and not (0, 0), into zeros."""
+    k = 0
+    whole = hessian.shape[0] > 0
+    for j in cone.positive:
+        own = 1 / theta[j] if theta[j] > 0 else np.nan
+        gradient[j] = -own
+        if whole:
+            hessian[j, j] = own * own
+    for block in range(cone.blocks.shape[0]):
+        k = max(k, cone.blocks[block, 2])
+    L = np.empty((k, k))
+    S = np.empty((k, k))
+    for block in range(cone.blocks.shape[0]):
+        row = cone.blocks[block]
+        start = row[0]
+        c = row[1] - row[0]
+        first = row[3]
+        last = row[4]
+        factor_into(cone, block, theta, L)
+        inverse_into(L, L, S, row[2])
+        entries = cone.entries[first:last]
+        weights = cone.weights[first:last]
+        gradient[start : row[1]] = 0.0
+        for e in range(last - first):
+            gradient[entries[e, 2]] -= weights[e] * S[entries[e, 0], entries[e, 1]]
+        if whole:
+            part = hessian[start : row[1], start : row[1]]
+            hessian_into(entries, weights, start, S, part, c)
+            for i in range(c):
+                for j in range(i):
+                    part[j, i] = part[i, j]

@@ -2,8 +2,8 @@
 
     R(θ) = ½ Σ_i w_i λ_i(θ),    λ_i(θ) = θᵀ G_i θ / θᵀ Σ_i θ,
 
-with G_i ⪰ 0 the Gramian of row i of the momentum balance and Σ_i ⪰ 0 that of the actuators' effort:
-the residual is measured relative to the effort, as if every command had a relative error.
+with G_i ⪰ 0 the Gramian of row i of the momentum balance, and Σ_i ⪰ 0 that of the actuators'
+effort. The residual is thus relative to the effort, which makes R independent of the scale of θ.
 θᵀ∇R = 0, and ∇Rᵀ θ* ≤ 0 for every true θ* where Σ_i is diagonal (docs/theory.md).
 
 The law `memory`, the batch fit of a log and weighted least squares minimise it with other weights.
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..parameters import Array, ParameterSpace
-from .descent import ConeFunction
+from .descent import ConeFunction, Rules, minimise
 from .gramians import Means
 from .matrices import common_root
 
@@ -77,6 +77,31 @@ class Quotient:
         """(p, p) curvature of R at θ (p,) with Σ held."""
         return np.tensordot(self.weights / self.efforts(theta), self.gramian, 1)
 
+    @staticmethod
+    def reference(gramian: Array, space: ParameterSpace) -> Array | None:
+        """(n, p) diagonals of Σ_i for Gramians (n, p, p); None if no actuator has an effect.
+
+        The reference of a row without an actuator of its own (a car is pushed sideways by its
+        tyres, not by its engine) is the effort of its other positive parameters, such as tyres or
+        drag; where that is negligible, the mean effort in the actuated rows, scaled to the row's
+        size.
+        """
+        diagonal = np.einsum("ipp->ip", gramian)
+        size = diagonal @ space.scale**2
+        effort = np.zeros_like(diagonal)
+        effort[:, space.actuators] = diagonal[:, space.actuators]
+        driven = effort @ space.scale**2 > _DRIVEN * size
+        if not driven.any():
+            return None
+        shared = np.mean(effort[driven] / size[driven, None], axis=0)
+        own = diagonal * (space.geometries == "positive")
+        others = np.where(
+            (own @ space.scale**2 > _OWN * size)[:, None], own, size[:, None] * shared
+        )
+        effort = np.where(driven[:, None], effort, others)
+        effort[size <= 0] = shared  # a row without motion: its G is 0, so any effort > 0 will do
+        return effort
+
 
 class Remembered:
     """R of means over blocks in time, whose residuals may be correlated between blocks.
@@ -93,7 +118,7 @@ class Remembered:
     @staticmethod
     def of(means: Means, space: ParameterSpace) -> Remembered | None:
         """R of some means; None before any actuator has had an effect."""
-        effort = efforts(means.gramian, space)
+        effort = Quotient.reference(means.gramian, space)
         return None if effort is None else Remembered(means, effort)
 
     def levels(self, theta: Array) -> Array:
@@ -167,28 +192,6 @@ def without_noise(gramian: Array, noise: Array, blocks: float) -> Array:
     return found
 
 
-def efforts(gramian: Array, space: ParameterSpace) -> Array | None:
-    """(n, p) diagonals of Σ_i for Gramians (n, p, p); None if no actuator has an effect.
-
-    The reference of a row without an actuator of its own (a car is pushed sideways by its tyres,
-    not by its engine) is the effort of its other positive parameters, such as tyres or drag; where
-    that is negligible, the mean effort in the actuated rows, scaled to the row's size.
-    """
-    diagonal = np.einsum("ipp->ip", gramian)
-    size = diagonal @ space.scale**2
-    effort = np.zeros_like(diagonal)
-    effort[:, space.actuators] = diagonal[:, space.actuators]
-    driven = effort @ space.scale**2 > _DRIVEN * size
-    if not driven.any():
-        return None
-    shared = np.mean(effort[driven] / size[driven, None], axis=0)
-    own = diagonal * (space.geometries == "positive")
-    others = np.where((own @ space.scale**2 > _OWN * size)[:, None], own, size[:, None] * shared)
-    effort = np.where(driven[:, None], effort, others)
-    effort[size <= 0] = shared  # a row without motion: its G is 0, so any effort > 0 will do
-    return effort
-
-
 _FLOOR = 1e-12  # smallest λ: numbers' rounding
 
 
@@ -226,3 +229,11 @@ class Posterior:
     def gradient(self, theta: Array) -> Array:
         """(p,) ∇J(θ)."""
         return self.derivatives(theta)[0]
+
+    def minimised(self, start: Array, basis: Array, **limits: float) -> tuple[Array, Array]:
+        """(p,) minimiser of J from a start θ (p,) inside the cone, (p, p) Gauss–Newton Hessian.
+
+        basis (p, k) are the directions in which θ may move; `limits` are those of `Rules`.
+        """
+        found = minimise(self, start, Rules(**limits), basis)  # pyright: ignore[reportArgumentType]
+        return found.theta, found.hessian

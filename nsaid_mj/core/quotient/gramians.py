@@ -1,11 +1,11 @@
 """Gramians of rows Y with Y θ = 0 for every true θ: means over blocks in time, or plain sums.
 
-The means forget information only where new data renew it. Exponential forgetting by a share g
-leaves (1 − g) G of the information G. In unexcited directions it discards all information, and
-noise takes its place. With D ⪯ G the information of the new data, every direction here loses
-min(g G, D): in directions without new data the information is kept, with enough new data it is
-forgotten at the stated rate, and otherwise it loses no more than it gains (Kulhavý, Automatica 23,
-1987; Cao and Schwartz, Automatica 36, 2000).
+Directional forgetting: information is forgotten only where new data renew it. Ordinary exponential
+forgetting by a share g leaves (1 − g) G of the information G; in unexcited directions it discards
+everything in the end, and noise takes its place. Here every direction loses min(g G, D), with
+D ⪯ G the information of the new data. So a direction without new data keeps its information, one
+with enough new data forgets at the stated rate, and others lose no more than they gain (Kulhavý,
+Automatica 23, 1987; Cao and Schwartz, Automatica 36, 2000).
 """
 
 from __future__ import annotations

@@ -4,10 +4,9 @@ import numpy as np
 import scipy.linalg
 from scipy.linalg import lapack
 
-from ..parameters import Array, Indices
+from ..parameters import Array
 
 _RIDGE = 1e-13  # share of a matrix's diagonal that is added against rounding errors
-_INVERTED = 1e-12  # share of the mean diagonal that is added where a matrix is inverted
 
 
 def cholesky(matrix: Array) -> Array:
@@ -60,16 +59,3 @@ def sandwich_root(hessian: Array, scatter: Array) -> Array:
     bread = cholesky(hessian * balance)
     root = np.linalg.solve(bread.T, np.linalg.solve(bread, square_root(scatter * balance)))
     return np.array(unit[:, None] * root, dtype=np.float64)
-
-
-def inverse_on(hessian: Array, free: Indices, scale: Array) -> Array:
-    """(p, p) inverse of H ⪰ 0 (p, p) among the parameters `free`, and 0 for all others.
-
-    scale (p,) of all parameters serves conditioning.
-    """
-    found = np.zeros_like(hessian)
-    unit = np.outer(scale[free], scale[free])
-    inner = hessian[np.ix_(free, free)] * unit
-    inner[np.diag_indices_from(inner)] += _INVERTED * np.trace(inner) / len(inner)
-    found[np.ix_(free, free)] = scipy.linalg.inv(inner) * unit
-    return found

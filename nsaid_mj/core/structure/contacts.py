@@ -1,16 +1,16 @@
 """Contacts whose forces nobody measures: where they act, and W without them.
 
-A contact's force λ is unknown, but not where it acts: W θ = Jᵀ λ, with J the Jacobian of the
-contact points. Every E with E Jᵀ = 0 removes it whatever it is: **E W θ = 0** is linear and
-homogeneous in θ as (13), for every λ, friction cone, slip or soft ground. P(θ) is then the
-nullspace of E W. With positive weights D,
+A contact's force λ is unknown, but the point where it acts is known: W θ = Jᵀ λ, with J the
+Jacobian of the contact points. Every E with E Jᵀ = 0 removes λ. **E W θ = 0** is linear and
+homogeneous in θ as (13), and holds for every λ: with any friction, with slip, on soft ground. P(θ)
+is then the nullspace of E W. With positive weights D,
 
     E = 1 − Jᵀ (J D Jᵀ)⁻¹ J D,        λ̂ = (J D Jᵀ)⁻¹ J D W θ.
 
-It takes from every row the force that these rows ascribe to the contacts, so a row keeps its
-meaning and its unit. With weights that are small for a floating base, λ̂ comes from the legs'
-joints: the base's rows become the balance of the whole robot, and the rows of a leg with as many
-joints as its foot has components vanish.
+E subtracts from every row the contacts' part as estimated by λ̂, so a row keeps its meaning and its
+unit. With small weights D for a floating base, λ̂ is determined by the joints of the legs. The
+base's rows are then the force balance of the whole robot. The rows of a leg vanish if it has as
+many joints as its contact force has components.
 
 A momentum balance needs Ė too. With T = (J D Jᵀ)⁻¹ J D and U = Jᵀ (J D Jᵀ)⁻¹,
 

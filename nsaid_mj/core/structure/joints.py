@@ -15,7 +15,7 @@ order: m, m·c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -23,7 +23,7 @@ import numpy as np
 
 from ...base import pin
 from ..parameters import Array, Block, ParameterSpace
-from .blocks import Term, link_block, mounts_of, placed, term
+from .blocks import Term, mounts_of, placed
 from .columns import KINDS
 from .parts import Actuator, Body, Inertia, Operation, Rotor
 from .structure import Structure
@@ -71,11 +71,12 @@ class JointScales:
 class Carrier(NamedTuple):
     """The vehicle's part of a robot whose joints it carries."""
 
-    inertias: list[Inertia]  # inertias of all bodies
-    bodies: list[Block]  # blocks of these inertias, which come first in θ
     # fluid forces and thrust, which come last; commands count from the first thruster's
     terms: list[Term]
     operation: Operation  # ranges of the base's velocities, and of the thrusters' commands
+    # inertias of all bodies, and their blocks, which come first in θ; empty for rigid bodies
+    inertias: Sequence[Inertia] = ()
+    bodies: Sequence[Block] = ()
 
 
 class JointTree(SecondOrderSystem):
@@ -99,7 +100,9 @@ class JointTree(SecondOrderSystem):
         model: Pinocchio's model without any inertia.
         joints: the 1-DOF joints, in order.
         joint_names: their names in the model.
-        body_names: names of the moving bodies' links, the base first where it floats.
+        body_names: names of the moving bodies' links, the base first where it floats; an unnamed
+            link gets its number.
+        slides: which joints are prismatic.
         bodies: number of moving bodies: one for each joint, and the base where it floats.
         driven: (d,) numbers of the joints that have an actuator; the others are passive.
         scales: as given.
@@ -116,12 +119,12 @@ class JointTree(SecondOrderSystem):
         carrier: Carrier | None = None,
     ):
         model, bodies = without_inertia(model), bodies_of(model)
-        if carrier is None:
+        still = Operation.within(_BASE_SPEED * np.ones(6 if floats(model) else 0), np.zeros(0))
+        own = carrier or Carrier([], still)
+        if not own.bodies:
             rigid = [Inertia(b, 10 * b) for b in range(len(bodies))]
-            still = Operation.within(_BASE_SPEED * np.ones(6 if floats(model) else 0), np.zeros(0))
-            own = Carrier(rigid, link_blocks(model, scales), [], still)
-        else:
-            own = carrier
+            links = _link_blocks(model, scales.mass, scales.length)
+            own = own._replace(inertias=rigid, bodies=links)
         speed = np.array(friction_speed, dtype=np.float64)
         joints = joint_terms(model, scales, speed)
         blocks = [term.block for term in (*joints, *own.terms)]
@@ -149,11 +152,63 @@ class JointTree(SecondOrderSystem):
         mounts = None if carrier is None else mounts_of(space, columns)
         super().__init__(structure, space, mounts)
         self.model, self.joints = model, moving_joints(model)
-        self.joint_names, self.body_names = joint_names(model), body_names(model)
+        self.joint_names = joint_names(model)
+        self.own_names = self.joint_names
+        self.body_names = body_names(model)
+        self.slides = [_slides(joint) for joint in self.joints]
         self.bodies = len(bodies)
         self.scales = scales
         self.friction_speed = speed
         self._speed = np.concatenate([own.operation.velocity[1], scales.speed])
+
+    @classmethod
+    def links(
+        cls, model: pin.Model, speed: Array | None = None, command: Array | None = None
+    ) -> JointTree:
+        """The links of a model, with one command for each joint, but no force on any.
+
+        speed (k,) and command (k,) are the largest in probes of the structure, 1 by default.
+        """
+        bodies = model.njoints - 1
+        per_body = np.ones(bodies)  # guesses, on which nothing depends
+        per_joint = np.ones(len(joint_names(model)))
+        speed = per_joint if speed is None else speed
+        command = per_joint if command is None else command
+        scales = JointScales(per_body, per_body, per_joint, per_joint, per_joint, speed, command)
+        tree = JointTree(model, scales, per_joint)
+        space = ParameterSpace(tree.space.blocks[:bodies])
+        return tree.rebuilt(replace(tree.structure, columns=(), rotors=(), p=len(space)), space)
+
+    def link_blocks(
+        self, mass: Sequence[float] | Array, length: Sequence[float] | Array
+    ) -> list[Block]:
+        """The inertial parameters of every body; a floating base is number 0.
+
+        mass (b,) [kg] and length (b,) [m] of the bodies are guesses.
+        """
+        return _link_blocks(self.model, mass, length)
+
+    def bones(self, positions: Array) -> Array:
+        """(k, bones, 2, 3) line segments that sketch the robot at positions (k, m) [m].
+
+        They connect each joint with its parent's, and with frames that are fixed to it, such as a
+        tool. A floating base has no parent.
+        """
+        model = self.model
+        data = model.createData()
+        frames = [f for f in model.frames if not np.allclose(f.placement.translation, 0)]
+        joints = range(2 if self.group else 1, model.njoints)
+        found = []
+        for q in positions:
+            pin.forwardKinematics(model, data, q)
+            origin = [data.oMi[i].translation.copy() for i in range(model.njoints)]
+            segments = [(origin[i], origin[model.parents[i]]) for i in joints]
+            segments += [
+                (data.oMi[f.parentJoint].act(f.placement).translation, origin[f.parentJoint])
+                for f in frames
+            ]
+            found.append(segments)
+        return np.array(found)
 
     @cached_property
     def limits(self) -> tuple[Array, Array]:
@@ -205,7 +260,7 @@ def joint_names(model: pin.Model) -> list[str]:
     return list(model.names)[2 if floats(model) else 1 :]
 
 
-def slides(joint: pin.JointModel) -> bool:
+def _slides(joint: pin.JointModel) -> bool:
     """Whether a joint is prismatic."""
     return bool(joint.shortname().startswith("JointModelP"))
 
@@ -255,28 +310,6 @@ def floats(model: pin.Model) -> bool:
     return model.njoints > 1 and model.joints[1].shortname() == "JointModelFreeFlyer"
 
 
-def bones(model: pin.Model, positions: Array) -> Array:
-    """(k, bones, 2, 3) line segments that sketch a robot at positions (k, m) [m].
-
-    They connect each joint with its parent's, and with frames that are fixed to it, such as a tool.
-    A floating base has no parent.
-    """
-    data = model.createData()
-    frames = [f for f in model.frames if not np.allclose(f.placement.translation, 0)]
-    joints = range(2 if floats(model) else 1, model.njoints)
-    found = []
-    for q in positions:
-        pin.forwardKinematics(model, data, q)
-        origin = [data.oMi[i].translation.copy() for i in range(model.njoints)]
-        segments = [(origin[i], origin[model.parents[i]]) for i in joints]
-        segments += [
-            (data.oMi[f.parentJoint].act(f.placement).translation, origin[f.parentJoint])
-            for f in frames
-        ]
-        found.append(segments)
-    return np.array(found)
-
-
 # -- blocks of θ -----------------------------------------------------------------------------------
 
 
@@ -285,7 +318,7 @@ def joint_terms(model: pin.Model, s: JointScales, friction_speed: Array) -> list
 
     Coulomb friction saturates at the speeds (k,) [rad/s or m/s].
     """
-    sliding = [slides(joint) for joint in moving_joints(model)]
+    sliding = [_slides(joint) for joint in moving_joints(model)]
     names = joint_names(model)
     if not names:
         return []
@@ -298,7 +331,7 @@ def joint_terms(model: pin.Model, s: JointScales, friction_speed: Array) -> list
         labels = {f"{letter}_{i + 1}": f"{part} of {names[i]}" for i in own}
         slides = [sliding[i] for i in own]
         dofs = [first + i for i in own]
-        return term(kind, labels, scale, scale, sliding=slides, dof=dofs, **constants)
+        return Term.of(kind, labels, scale, scale, sliding=slides, dof=dofs, **constants)
 
     driven = every if s.driven is None else s.driven
     acting: dict[str, Sequence[Any]] = {"input": range(len(driven))}
@@ -318,22 +351,10 @@ def joint_terms(model: pin.Model, s: JointScales, friction_speed: Array) -> list
     return [Term(rotor, [], s.rotor), *terms]
 
 
-def link_blocks(model: pin.Model, s: JointScales) -> list[Block]:
-    """The inertial parameters of every body; a floating base is number 0."""
-    guesses = zip(body_names(model), s.mass, s.length, strict=True)
+def _link_blocks(
+    model: pin.Model, mass: Sequence[float] | Array, length: Sequence[float] | Array
+) -> list[Block]:
+    """The inertial parameters of every body; see `JointTree.link_blocks`."""
     first = 0 if floats(model) else 1
-    return [link_block(first + i, name, mass, size) for i, (name, mass, size) in enumerate(guesses)]
-
-
-def positions(model: pin.Model, coordinates: Array) -> Array:
-    """(N, m) Pinocchio's q of coordinates (N, n): continuous joints are (cos, sin)."""
-    if model.nq == model.nv:
-        return coordinates
-    q = np.empty((len(coordinates), model.nq))
-    for joint in list(model.joints)[1:]:
-        c = coordinates[:, joint.idx_v]
-        if joint.nq == 2:
-            q[:, joint.idx_q], q[:, joint.idx_q + 1] = np.cos(c), np.sin(c)
-        else:
-            q[:, joint.idx_q] = c
-    return q
+    guesses = zip(body_names(model), mass, length, strict=True)
+    return [Block.of_link(first + i, name, *own) for i, (name, *own) in enumerate(guesses)]

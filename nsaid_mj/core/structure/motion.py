@@ -1,4 +1,4 @@
-"""The parts of a log's motion that no estimate changes: kinematics, forces, momentum balance.
+"""All along a log that does not depend on θ̂: kinematics, forces, momentum balance.
 
 Any number of identifiers can share a `Motion`. A stage of RK4 computes â of (29) and Wᵀ Δv from it.
 """
@@ -87,18 +87,23 @@ call: Any = intrinsic(_call)
 
 
 @helper(f8(MOTION, i8, i8, vector, vector, WORKSPACE, vector, vector))
+def own_stage(motion, at, k, v_hat, theta, work, a_hat, gradient):
+    """`stage` of a robot whose Wᵀ Δv is the structure's alone."""
+    state = motion.middles[k - 1] if at == 1 else motion.states[k - 1 + at // 2]
+    v = motion.vm[k - 1] if at == 1 else motion.v[k - 1 + at // 2]
+    F = motion.F[at, k - 1]
+    return structure_stage(motion.structure, state, v, F, v_hat, theta, work, a_hat, gradient)
+
+
+@helper(f8(MOTION, i8, i8, vector, vector, WORKSPACE, vector, vector))
 def stage(motion, at, k, v_hat, theta, work, a_hat, gradient):
     """Writes â (n,) of (29) and Wᵀ Δv (p,) at one stage of the step from sample k − 1 to k.
 
     `at` is 0, 1 or 2 for the step's start, middle or end; C multiplies v_hat (n,), theta (p,) is
     the estimate, `work` is workspace. Returns M̂'s smallest pivot, > 0 on success.
     """
-    state = motion.middles[k - 1] if at == 1 else motion.states[k - 1 + at // 2]
-    v = motion.vm[k - 1] if at == 1 else motion.v[k - 1 + at // 2]
-    F = motion.F[at, k - 1]
-    structure = motion.structure
     outside = motion.outside
-    pivot = structure_stage(structure, state, v, F, v_hat, theta, work, a_hat, gradient)
+    pivot = own_stage(motion, at, k, v_hat, theta, work, a_hat, gradient)
     if outside.address != 0 and pivot > 0.0:
         copy_into(v_hat, outside.v_hat)
         copy_into(a_hat, outside.a_hat)

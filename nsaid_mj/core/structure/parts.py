@@ -48,6 +48,57 @@ class Inertia:
     # m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz, which alone have weight
     tensor: Array | None = None
 
+    @classmethod
+    def full(
+        cls, axes: tuple[int, ...] = (0, 1, 2, 3, 4, 5), body: int = 0, start: int = 0
+    ) -> Inertia:
+        """Any symmetric matrix on some axes: the upper triangle, row by row."""
+        pairs = [(i, j) for at, i in enumerate(axes) for j in axes[at:]]
+        entries = [(i, j, k, 1.0) for k, (i, j) in enumerate(pairs)]
+        return cls.tied(entries, body, start)
+
+    @classmethod
+    def tied(
+        cls, entries: list[tuple[int, int, int, float]], body: int = 0, start: int = 0
+    ) -> Inertia:
+        """A matrix with value · θ_k at (i, j) and (j, i), from rows (i, j, k, value)."""
+        tensor = np.zeros((6, 6, 1 + max(k for _, _, k, _ in entries)))
+        for i, j, k, value in entries:
+            tensor[i, j, k] = tensor[j, i, k] = value
+        return cls(body, start, tensor)
+
+    @classmethod
+    def cylinder(
+        cls, centre: ArrayLike, axis: ArrayLike, length: float, body: int = 0, start: int = 0
+    ) -> Inertia:
+        """The added inertia of a slender cylinder, θ [kg] spread evenly along its axis.
+
+        It resists motion across the axis only.
+        """
+        e = np.asarray(axis, dtype=float)
+        c = np.asarray(centre, dtype=float)
+        across = np.eye(3) - np.outer(e, e)
+        to_centre = np.hstack([np.eye(3), np.cross(np.eye(3), c).T])
+        inertia = to_centre.T @ across @ to_centre
+        inertia[3:, 3:] += length**2 / 12 * across
+        return cls(body, start, (0.5 * (inertia + inertia.T))[:, :, None])
+
+    @property
+    def whole(self) -> Array:
+        """(6, 6, s) the tensor, of a rigid body too."""
+        if self.tensor is not None:
+            return self.tensor
+        tensor = np.zeros((6, 6, 10))
+        for i in range(3):
+            tensor[i, i, 0] = 1.0
+        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            # M = [[m, −S(h)], [S(h), I]], with S(h)_ij = −h_k for cyclic i, j, k
+            tensor[i, 3 + j, 1 + k] = tensor[3 + j, i, 1 + k] = 1.0
+            tensor[j, 3 + i, 1 + k] = tensor[3 + i, j, 1 + k] = -1.0
+        for k, (i, j) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))):
+            tensor[3 + i, 3 + j, 4 + k] = tensor[3 + j, 3 + i, 4 + k] = 1.0
+        return tensor
+
 
 @dataclass(frozen=True, eq=False)
 class Rotor:
@@ -125,41 +176,10 @@ class ContactPoint:
         return 6 if self.flat else 3
 
 
-# -- tensors of inertias ---------------------------------------------------------------------------
-
-
-def full(axes: tuple[int, ...] = (0, 1, 2, 3, 4, 5)) -> Array:
-    """(6, 6, s) any symmetric matrix on some axes: the upper triangle, row by row."""
-    pairs = [(i, j) for at, i in enumerate(axes) for j in axes[at:]]
-    return tied([(i, j, k, 1.0) for k, (i, j) in enumerate(pairs)])
-
-
-def tied(entries: list[tuple[int, int, int, float]]) -> Array:
-    """(6, 6, s) a matrix with value · θ_k at (i, j) and (j, i), from rows (i, j, k, value)."""
-    tensor = np.zeros((6, 6, 1 + max(k for _, _, k, _ in entries)))
-    for i, j, k, value in entries:
-        tensor[i, j, k] = tensor[j, i, k] = value
-    return tensor
-
-
 def unit_mass(point: ArrayLike) -> Array:
     """(6, 6) of a mass of 1 kg at a point (3,); its weight is a column `payload`."""
     to_point = np.hstack([np.eye(3), np.cross(np.eye(3), np.asarray(point, dtype=float)).T])
     return to_point.T @ to_point
-
-
-def cylinder(centre: ArrayLike, axis: ArrayLike, length: float) -> Array:
-    """(6, 6, 1) added inertia of a slender cylinder: 1 kg, spread evenly along its axis.
-
-    It resists motion across the axis only.
-    """
-    e = np.asarray(axis, dtype=float)
-    c = np.asarray(centre, dtype=float)
-    across = np.eye(3) - np.outer(e, e)
-    to_centre = np.hstack([np.eye(3), np.cross(np.eye(3), c).T])
-    inertia = to_centre.T @ across @ to_centre
-    inertia[3:, 3:] += length**2 / 12 * across
-    return (0.5 * (inertia + inertia.T))[:, :, None]
 
 
 @dataclass(frozen=True, eq=False)

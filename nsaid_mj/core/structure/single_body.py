@@ -24,7 +24,7 @@ class SingleBody(SecondOrderSystem):
 
     Args:
         body: the block of the inertia.
-        tensor: (6, 6, k) tensor of M in this block; None for the ten parameters of a rigid body.
+        inertia: M in this block.
         terms: the forces.
         operation: ranges of velocities and commands.
         gravity: [m/s²], by which rigid bodies have weight.
@@ -36,7 +36,7 @@ class SingleBody(SecondOrderSystem):
     def __init__(
         self,
         body: Block,
-        tensor: Array | None,
+        inertia: Inertia,
         terms: Sequence[Term],
         operation: Operation,
         gravity: float = 0.0,
@@ -46,7 +46,7 @@ class SingleBody(SecondOrderSystem):
         n = len(operation.velocity[0])
         robot = Structure(
             [Body("free" if n == 6 else "planar" if n == 3 else "slide")],
-            [Inertia(0, 0, tensor)],
+            [inertia],
             columns,
             len(space),
             len(operation.command[0]),
@@ -54,6 +54,22 @@ class SingleBody(SecondOrderSystem):
         )
         super().__init__(robot, space, mounts_of(space, columns, np.nan if n > 1 else 0.0))
         self.operation = operation
+        self.own_names = ["heave"] if n == 1 else []
+
+    @classmethod
+    def of(cls, system: SecondOrderSystem, blocks: Sequence[str], wanted: str) -> SingleBody:
+        """The system, if it is one body with these blocks of θ; `wanted` describes it in messages.
+
+        Raises:
+            InvalidInput: it is not.
+        """
+        known = {block.name for block in system.space.blocks}
+        if not (isinstance(system, SingleBody) and known.issuperset(blocks)):
+            found = ", ".join(block.name for block in system.space.blocks)
+            raise InvalidInput(
+                "excitation", wanted, f"a system with {found}", "Use MultisineCommand."
+            )
+        return system
 
     def constants(self, kind: str, name: str) -> Array:
         """(k, ...) a constant of every column of a kind."""
@@ -73,16 +89,3 @@ class SingleBody(SecondOrderSystem):
             turn = rng.uniform(-np.pi, np.pi, 1)
         q = self.position(np.concatenate([place, turn]))
         return q, rng.uniform(*operation.velocity), rng.uniform(*operation.command)
-
-
-def single_body(system: SecondOrderSystem, blocks: Sequence[str], wanted: str) -> SingleBody:
-    """The system, if it is one body with these blocks of θ; `wanted` describes it in the message.
-
-    Raises:
-        InvalidInput: it is not.
-    """
-    known = {block.name for block in system.space.blocks}
-    if not (isinstance(system, SingleBody) and known.issuperset(blocks)):
-        found = ", ".join(block.name for block in system.space.blocks)
-        raise InvalidInput("excitation", wanted, f"a system with {found}", "Use MultisineCommand.")
-    return system

@@ -274,7 +274,7 @@ class Structure:
         tensor = np.asarray(inertia.tensor)
         if tensor.shape[:2] != (6, 6) or not (tensor == tensor.swapaxes(0, 1)).all():
             raise InvalidInput(
-                f"{what}.tensor", "(6, 6, s), symmetric", tensor.shape, "See `parts.tied`."
+                f"{what}.tensor", "(6, 6, s), symmetric", tensor.shape, "See `Inertia.tied`."
             )
 
     def _check_column(self, what: str, column: Column) -> None:

@@ -11,10 +11,10 @@ acceleration, u command, θ (p,) parameters. F is always evaluated at the measur
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from functools import cached_property
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,10 +23,13 @@ from ...base import InvalidInput
 from ..log import Log, Measurement
 from ..parameters import Array, Indices, ParameterSpace, finite
 from .arrays import StructureArrays
-from .configuration_space import StructuredKinematics, plain
-from .contacts import eliminated_balance, without_contact_forces
+from .configuration_space import plain
+from .contacts import contact_jacobians, eliminated_balance, without_contact_forces
+from .information import acceleration_rows, information_along, torques_along
 from .motion import Motion, accelerate_at, along, balance, write_motion
+from .parts import ContactPoint
 from .regressor import write_regressors
+from .sensing import SensedKinematics
 from .structure import Structure
 
 _TOGETHER = 64  # samples whose mass matrices are computed together
@@ -40,7 +43,7 @@ class Stage(NamedTuple):
     pivot: float  # smallest pivot of M̂'s factorisation, > 0 where M̂ is positive definite
 
 
-class SecondOrderSystem(StructuredKinematics, ABC):
+class SecondOrderSystem(SensedKinematics, ABC):
     """M(x, θ) v̇ + C(x, θ) v = F(t, x, u) θ (4), linear in θ (8, 9), with Ṁ − 2C skew.
 
     Args:
@@ -72,6 +75,36 @@ class SecondOrderSystem(StructuredKinematics, ABC):
     def forward(self) -> StructureArrays | None:
         """The structure, for compiled simulation; None where the regressors are not its own."""
         return self.structure.arrays if self.reference is None else None
+
+    def rebuilt(self, structure: Structure, space: ParameterSpace | None = None) -> Self:
+        """A copy with another structure of the same joints, and with its parameters.
+
+        Without `space` the parameters are this system's.
+        """
+        made = copy(self)
+        vars(made).pop("p", None)  # they are cached, and another structure has others
+        vars(made).pop("gains_by_command", None)
+        SecondOrderSystem.__init__(made, structure, space or self.space, self.mounts)
+        return made
+
+    @cached_property
+    def gains_by_command(self) -> list[Indices]:
+        """For each command, the indices of its gains: the actuator parameters whose force it moves.
+
+        They are found by changing one command at a time at a random state in the range of
+        operation.
+        """
+        rng = np.random.default_rng(0)
+        found = []
+        q, v, u = self.random_state(rng)
+        others = self.random_state(rng)[2]
+        x = np.concatenate([q, v])
+        for k in range(self.n_u):
+            other = u.copy()
+            other[k] = others[k]
+            moved = (self.F(0.0, x, u) != self.F(0.0, x, other)).any(axis=0)
+            found.append(self.space.actuators[moved[self.space.actuators]])
+        return found
 
     # -- along a log -----------------------------------------------------------------------------
 
@@ -147,6 +180,53 @@ class SecondOrderSystem(StructuredKinematics, ABC):
         states = np.empty((count, size))
         middles = np.empty((count - 1, size))
         return states, middles, np.empty((3, count - 1, len(self.structure.arrays.nonzeros)))
+
+    def contact_jacobians(self, contacts: Sequence[ContactPoint], q: Array) -> tuple[Array, Array]:
+        """(N, c, n) J and (N, k, 3) the places of k contacts at positions q (N, m).
+
+        Both are in the common frame: of a floating base its own at each sample, else the world's.
+        Rows follow one another contact by contact, forces [linear, then angular if flat].
+        """
+        return contact_jacobians(self.structure, contacts, q)
+
+    def torques(self, theta: Array, q: Array, v: Array, a: Array) -> Array:
+        """(N, n) forces of a motion q (N, m), v (N, n), a (N, n) under θ (p,), without commands."""
+        found = np.empty(v.shape)
+        motion = map(plain, (q, v, a))
+        torques_along(self.structure.arrays, *self.structure.memory(), theta, *motion, found)
+        return found
+
+    def acceleration_rows(self, log: Log, theta: Array) -> Array | None:
+        """(N, n, p) −M⁻¹ W diag(scale) along a log at θ (p,); None where M is not ≻ 0."""
+        rows = np.empty((len(log.t), self.n, self.p))
+        own = (self.structure.arrays, *self.structure.memory())
+        scale = np.array(self.space.scale)
+        return rows if acceleration_rows(*own, log.q, log.v, log.u, theta, scale, rows) else None
+
+    def add_information(
+        self,
+        J: Array,
+        log: Log,
+        theta: Array,
+        basis: Array,
+        first: Array,
+        noise: Array,
+        root: bool = False,
+    ) -> bool:
+        """Adds a log's information about θ_⊥ to J (d, d); returns whether M and S stayed ≻ 0.
+
+        Args:
+            J: (d, d) information.
+            log: the motion.
+            theta: (p,) at which the system is linearised.
+            basis: (p, d) Z of θ/scale = Z θ_⊥ + const.
+            first: (2n,) variances of the state at the first sample.
+            noise: (2n,) variances of the noise at all others.
+            root: whether J holds an upper triangular A with Aᵀ A in its place.
+        """
+        own = (self.structure.arrays, *self.structure.memory())
+        scale = np.array(self.space.scale)
+        return bool(information_along(*own, theta, scale, basis, first, noise, *log, J, root))
 
     # -- regressors of samples, unchecked --------------------------------------------------------
 
@@ -349,35 +429,6 @@ def _batched(
     samples = [np.broadcast_to(array, batch + end).reshape(-1, *end) for array, end in pairs]
     found = function(*samples)
     return found.reshape(batch + found.shape[1:])
-
-
-_System = TypeVar("_System", bound=SecondOrderSystem)
-
-
-def rebuilt(system: _System, structure: Structure, space: ParameterSpace) -> _System:
-    """A copy of a system with another structure of the same joints, and with its parameters."""
-    made = copy(system)
-    vars(made).pop("p", None)  # it is cached, and another structure has other parameters
-    SecondOrderSystem.__init__(made, structure, space, system.mounts)
-    return made
-
-
-def gains_by_command(system: SecondOrderSystem) -> list[Indices]:
-    """For each command, the indices of its gains: the actuator parameters whose force it affects.
-
-    They are found by changing one command at a time at a random state in the range of operation.
-    """
-    rng = np.random.default_rng(0)
-    found = []
-    q, v, u = system.random_state(rng)
-    others = system.random_state(rng)[2]
-    x = np.concatenate([q, v])
-    for k in range(system.n_u):
-        other = u.copy()
-        other[k] = others[k]
-        moved = (system.F(0.0, x, u) != system.F(0.0, x, other)).any(axis=0)
-        found.append(system.space.actuators[moved[system.space.actuators]])
-    return found
 
 
 def checked(system: SecondOrderSystem, measurement: Measurement) -> Measurement:

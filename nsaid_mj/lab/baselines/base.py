@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from ...base import NoEstimate
-from ...core import EXACT, Array, Identifier, Log, SecondOrderSystem, SensorLevels, Status
+from ...core import Array, Identifier, Log, SecondOrderSystem, SensorLevels, Status
 
 
 class Problem(NamedTuple):
@@ -13,7 +13,9 @@ class Problem(NamedTuple):
     system: SecondOrderSystem
     log: Log  # measurements and commands
     prior: Array  # (p,) θ̂(0)
-    noise: SensorLevels = EXACT  # standard deviations of the sensors, as stated by their data sheet
+    noise: SensorLevels = (
+        SensorLevels()
+    )  # standard deviations of the sensors, as stated by their data sheet
 
 
 class MethodEstimate(NamedTuple):

@@ -1,4 +1,4 @@
-"""Batch least squares: ordinary, filtered and weighted as in common practice, and total.
+"""Batch least squares: ordinary (OLS), filtered and reweighted (WLS), and total (TLS).
 
 All regressors, rows of W θ = 0 (13), are those of θ/scale. A log contains no information on the
 common scale of θ; the prior fixes it: Σ k_i/scale_i over the actuator gains keeps its value.
@@ -16,11 +16,9 @@ from ...core import (
     Log,
     Posterior,
     Quotient,
-    Rules,
     SecondOrderSystem,
     continuous_signs,
     decimated,
-    minimise,
     symmetric,
     zero_phase,
 )
@@ -126,7 +124,7 @@ class Gauge:
 
 SMOOTHING = 30.0  # cut-off of the filter on q and v [Hz]
 _FOLDS = 4  # of the cross-validation, contiguous in time
-_RULES = Rules(steps=12, halvings=8, done=0.0, fall=1e-2, reach=np.inf)
+_LIMITS = {"steps": 12, "halvings": 8, "done": 0.0, "fall": 1e-2, "reach": np.inf}
 _IDLE = 1e-9  # ratio of actuator columns to row below which the velocity is not actuated
 
 
@@ -156,7 +154,7 @@ def weighted(gauge: Gauge, W: Array) -> Array:
     force = np.sqrt(quotient.efforts(gauge.start))
     start = gauge.solve((factors / force[:, None, None]).reshape(-1, W.shape[2]))
     J = Posterior(quotient, _Near(gauge.start))
-    return minimise(J, start, _RULES, gauge.tangent).theta
+    return J.minimised(start, gauge.tangent, **_LIMITS)[0]
 
 
 class _Near:

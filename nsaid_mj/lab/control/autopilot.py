@@ -53,11 +53,11 @@ class DepthHeadingAutopilot(DriverConfig):
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver; raises `InvalidInput` unless it is a torpedo, and no band is empty."""
-        from ...core import single_body
+        from ...core import SingleBody
         from .signals import Multisine
 
         wanted = ("propeller gain", "fin lift", "quadratic drag", "righting moment")
-        torpedo = single_body(system, wanted, "a torpedo to steer")
+        torpedo = SingleBody.of(system, wanted, "a torpedo to steer")
         limit = float(torpedo.operation.command[1][0])
         place = torpedo.space.index
         low = self.low

@@ -54,11 +54,11 @@ class Driving(DriverConfig):
         Raises:
             InvalidInput: the system is not a ground vehicle, or a frequency band is empty.
         """
-        from ...core import single_body
+        from ...core import SingleBody
         from .signals import Multisine
 
         wanted = ("cornering stiffness", "drive gain", "drive loss", "rolling resistance")
-        car = single_body(system, wanted, "a ground vehicle to drive")
+        car = SingleBody.of(system, wanted, "a ground vehicle to drive")
         front, rear = car.constants("tyre", "arm").tolist()
         wheelbase = front - rear
         steering = car.operation.command[1][1]

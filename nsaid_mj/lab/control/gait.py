@@ -18,7 +18,6 @@ from ...core import (
     ContactPoint,
     JointTree,
     SecondOrderSystem,
-    contact_jacobians,
 )
 from .driver import Driver
 
@@ -61,9 +60,9 @@ class Gait:
         feet = tree.structure.contacts
         self._points = [point for foot in feet for point in _points_of(foot)]
         self._start = tree.position(np.r_[np.zeros(tree.group), self.stance])[None]
-        self._places = contact_jacobians(tree.structure, self._points, self._start)[1][0]
+        self._places = tree.contact_jacobians(self._points, self._start)[1][0]
         self._feet = self._places.reshape(len(feet), -1, 3).mean(axis=1)
-        self.height = -float(contact_jacobians(tree.structure, feet, self._start)[1][0, :, 2].min())
+        self.height = -float(tree.contact_jacobians(feet, self._start)[1][0, :, 2].min())
         self._rounds: dict[int, Array] = {}
 
     def __call__(self, t: ArrayLike) -> Array:
@@ -225,7 +224,7 @@ def _inverse_kinematics(
     """(N, k) joints that bring points to wanted places (N, p, 3) in the base's frame, or near."""
     q = np.repeat(start, len(wanted), axis=0)
     for _ in range(_ITERATIONS):
-        J, places = contact_jacobians(tree.structure, points, q)
+        J, places = tree.contact_jacobians(points, q)
         J = J[:, :, 6:]
         missing = (wanted - places).reshape(len(q), -1, 1)
         square = np.swapaxes(J, 1, 2) @ J

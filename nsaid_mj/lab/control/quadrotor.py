@@ -50,9 +50,9 @@ class QuadrotorFlight(DriverConfig):
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver; raises `InvalidInput` unless the system is a quadrotor."""
-        from ...core import single_body
+        from ...core import SingleBody
         from .flight import Flight
 
         wanted = ("body", "rotor thrust gain", "rotor torque gain")
-        quadrotor = single_body(system, wanted, "a quadrotor to fly")
+        quadrotor = SingleBody.of(system, wanted, "a quadrotor to fly")
         return Flight(self, quadrotor, prior, rng)

@@ -18,7 +18,7 @@ import numpy as np
 import scipy.linalg
 
 from ...base import NoEstimate
-from ...core import Array, Log, SensorLevels, information_along
+from ...core import Array, Log, SensorLevels
 from .figures import Judge
 from .truth import Truth
 
@@ -40,14 +40,12 @@ def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
         )
     if not (levels.position > 0 and levels.velocity > 0):
         raise NoEstimate("the bound is 0 for exact sensors", "Use noisy sensors.")
-    scale = np.array(system.space.scale)
     R = np.repeat(np.array(levels) ** 2, n)
     basis = truth.nullspace.P_perp  # nothing is learned along P_s
     values, vectors = scipy.linalg.eigh(basis.T @ truth.prior_covariance @ basis)
     G = basis @ (vectors * np.sqrt(np.maximum(values, 0.0)))
-    own = (system.forward, *system.structure.memory())
     A = np.eye(len(values))
-    if not information_along(*own, truth.theta, scale, G, R, R, *log, A, True):
+    if not system.add_information(A, log, truth.theta, G, R, R, root=True):
         raise NoEstimate("M or S is not positive definite along the log", "Use a shorter log.")
     root = scipy.linalg.solve_triangular(A, G.T, trans=1)
     return root.T @ root

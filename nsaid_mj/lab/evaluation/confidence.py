@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 
-from ...core import Array, Confidence, Indices, Nullspace, ParameterSpace, gain_deviations
+from ...core import Array, Confidence, Indices, Nullspace, ParameterSpace
 
 INTERVAL = 1.96  # half width of a 95 % interval of the normal distribution [standard deviations]
 _BELOW = 0.7  # posterior over prior standard deviation above which data count as uninformative
@@ -99,6 +99,6 @@ def known(
         (basis @ vectors).T,
         np.sqrt(np.maximum(variance, 0.0)) / size,
         variance > _BELOW**2 * before,
-        gain_deviations(confidence, theta_hat, space),
+        Confidence.of_gains(confidence, theta_hat, space),
         confidence.blocks,
     )

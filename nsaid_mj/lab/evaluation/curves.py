@@ -13,7 +13,6 @@ from ...core import (
     JointTree,
     ParameterSpace,
     SecondOrderSystem,
-    velocity_labels,
 )
 from ...report import (
     COLOURS,
@@ -21,13 +20,10 @@ from ...report import (
     LAWS,
     Comparison,
     Panel,
-    command_names,
-    force_units,
     groups,
     local_rms,
     spread,
     statistic,
-    velocity_names,
 )
 from ..contacts import contact_forces, without_contacts
 from ..loop import Run
@@ -222,11 +218,11 @@ def _motion(run: Run, rows: Indices) -> list[Panel]:
     v = record["v"][rows]
     units = ", ".join(dict.fromkeys(system.velocity_units))
     error = _recorded("velocity_error", "Velocity error Δv: predicted − measured", f"Δv [{units}]")
-    error.add_columns(t, record["v_hat"][rows] - v, velocity_names(system))
+    error.add_columns(t, record["v_hat"][rows] - v, [f"Δ{name}" for name in system.velocity_names])
     velocity = _recorded("velocity", "Measured velocity", f"v [{units}]")
-    velocity.add_columns(t, v, velocity_names(system, ""))
+    velocity.add_columns(t, v, system.velocity_names, ("measured",))
     command = _recorded("command", "Command", "u [–]")
-    command.add_columns(t, record["u"][rows], command_names(system))
+    command.add_columns(t, record["u"][rows], system.command_names)
     excitation = _recorded("excitation", "Persistence of excitation over a window", "ε₀ [N·m·s]")
     every, observable = EXCITATION_LEVELS
     excitation.add(t, record["pe"][rows], every, part=("all",))
@@ -298,7 +294,7 @@ def _predictions(run: Run, rows: Indices) -> list[Panel]:
     t = run.record["t"][rows]
     units = ", ".join(dict.fromkeys(system.velocity_units))
     predicted = _recorded("velocity", "Predicted velocity", f"v̂ [{units}]")
-    names = velocity_names(system, "")
+    names = system.velocity_names
     predicted.add_columns(t, record["v_hat"][rows], names, ("predicted",), pale=True)
     if run.scenario.record_every > 1 or len(record) < 2:
         return [predicted]
@@ -309,7 +305,7 @@ def _predictions(run: Run, rows: Indices) -> list[Panel]:
     W = without_contacts(system, x[:, : log.q.shape[1]], system.regressor(times, x, v, a, u))
     terms = W * record.rows("theta_hat", first)[:, None]
     given = terms[..., system.space.actuators].sum(axis=-1)
-    labels = zip(velocity_labels(system), force_units(system), strict=True)
+    labels = zip(system.velocity_labels, system.force_units, strict=True)
     names = [f"{label} [{unit}]" for label, unit in labels]
     force = _recorded("force", "Forces that the motion needs and actuator forces", "force [SI]")
     needed = [f"motion {name}" for name in names]
@@ -378,8 +374,8 @@ def _forces(run: Run, truth: Truth | None) -> list[Comparison]:
     none = (size < _VANISHED * size.max()) & bool(run.system.structure.contacts)
     points = min(len(found.t), _FORCE_POINTS)
     rows = np.unique(np.linspace(0, len(found.t) - 1, points).astype(int))
-    labels = velocity_labels(run.system)
-    units = force_units(run.system)
+    labels = run.system.velocity_labels
+    units = run.system.force_units
     error = found.nrmse
     order = np.argsort(-np.where(np.isfinite(error), error, -1.0), kind="stable")
     panels = []

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...core import Array, level, split
+from ...core import Array, Nullspace, PersistenceMonitor
 from ..contacts import rows_along
 from ..loop import Run
 from .figures import last_tenth, stride_of
@@ -34,7 +34,7 @@ def excitation_of(run: Run, truth: Truth | None) -> Excitation:
         found,
         pe_level_perp=finite(level_perp),
         pe_share_perp=finite(share_perp),
-        r_excited=split(stack).r,
+        r_excited=Nullspace.of(stack).r,
         excited_error_rms_initial=finite(_rms(first_tenth(error))),
         excited_error_rms=finite(_rms(last_tenth(error))),
     )
@@ -71,12 +71,12 @@ def _levels(run: Run, truth: Truth | None) -> tuple[float, float | None, float |
             W = rows_along(system, log, rows[k], log.v[rows[k]], truth.theta_at(t[k]))
             W *= system.space.scale
             P_perp = truth.nullspace_at(float(t[start])).P_perp
-            perpendicular.append(level(W, dt, P_perp))
+            perpendicular.append(PersistenceMonitor.level_of(W, dt, P_perp))
             if W.shape[0] * W.shape[1] >= P_perp.shape[1]:
                 everything = np.sqrt(len(W)) * dt * np.linalg.norm(W)
                 shares.append(perpendicular[-1] / (everything or np.inf))
         W = rows_along(system, log, rows[k], v_hat[k], theta_hat[k])
-        full.append(level(W * system.space.scale, dt))
+        full.append(PersistenceMonitor.level_of(W * system.space.scale, dt))
     if truth is None:
         return min(full, default=0.0), None, None
     share = float(min(shares)) if shares else None

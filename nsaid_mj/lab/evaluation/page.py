@@ -83,6 +83,7 @@ def page(
     shown = drawn(forests([p for p in result.gains if p.relative is not None]))
     sections = [
         replace(figures, beside=robot_picture(run.looks, run.record["q"][0], robot)),
+        replace(gains, panels=[*([Figures(shown)] if shown else []), *gains.panels]),
         Section("Time histories", [Figures(more)] if more else []),
         Section(
             "Predicted against measured forces",
@@ -96,7 +97,6 @@ def page(
             if forces
             else [],
         ),
-        replace(gains, panels=[*([Figures(shown)] if shown else []), *gains.panels]),
         *rest,
         Section("Parameters", [Text(_relative_to(result)), *folds(result, gains=False)]),
         Section("Least known directions of θ/scale", _least_known(result)),

@@ -14,7 +14,6 @@ from ...core import (
     Nullspace,
     NullspaceAID,
     ParameterSpace,
-    directions,
     rounded,
 )
 from ..loop import Run
@@ -194,7 +193,7 @@ def _unobservable(run: Run, nullspace: Nullspace) -> tuple[Unobservable, ...]:
             parameters=tuple(direction.parameters),
             labels=tuple(space.labels[space.index(name)] for name in direction.parameters),
         )
-        for direction in directions(nullspace, space)
+        for direction in nullspace.directions(space)
     )
 
 

@@ -125,7 +125,8 @@ class RunResult(Result):
             + (f"; {low} below the noise" if low else "")
         ]
         if (covered := stated.covered) is not None:
-            lines.append(f"the 95 % intervals contain the truth in {100 * covered:.0f} % of them")
+            inside = f"{100 * covered:.0f} %"
+            lines.append(f"the true value is inside the 95 % interval in {inside} of them")
         if (covered := stated.forces_covered) is not None:
             lines.append(
                 f"on a held-out motion, {100 * covered:.0f} % of the forces are within the 95 % "
@@ -183,14 +184,19 @@ _FASTER = "--law efficient does in seconds what this law does in hours"
 def verdict_of(result: RunResult) -> tuple[Explains, str]:
     """The outcome of a run, also in one line: a judgement, a colon, and the figures it is based on.
 
-    The first of these that applies: a run that did not complete *ended early*; a motion that no θ
-    of the structure explains *contradicts* it, judged from the measurements alone (`misfit`), or,
-    for a simulated plant, because every θ leaves more than `CONTRADICTED` of the forces on a
-    held-out trajectory unexplained; an estimate within `CONVERGED` of the true set has *converged*;
-    one that is closer to it than the prior is *still converging*. If the truth is unknown, the
-    stated confidence and, unless the filter's innovations show that the structure explains the
-    motion, the force residual replace the distance: with noisy sensors the residual stays large. A
-    misfit of `some` is reported with the widening of the intervals, or as gains that drift.
+    The first of these that applies:
+
+    - *ended early*: the run did not complete;
+    - *contradicts*: no θ of the structure explains the motion, judged from the measurements alone
+      (`misfit`), or, for a simulated plant, because every θ leaves more than `CONTRADICTED` of the
+      forces on a held-out trajectory unexplained;
+    - *converged*: the estimate is within `CONVERGED` of the true set;
+    - *still converging*: it is closer to the true set than the prior.
+
+    If the truth is unknown, the stated confidence replaces the distance. The force residual is
+    added unless the filter's innovations show that the structure explains the motion, because with
+    noisy sensors the residual stays large. A misfit of `some` is reported with the widening of the
+    intervals, or as gains that drift.
     """
     ending = result.ending
     misfit = result.misfit

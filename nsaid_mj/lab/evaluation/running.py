@@ -5,7 +5,7 @@ from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 
 import numpy as np
 
-from ...core import Array, Confidence, Identifier, Log, State, extended, gain_deviations
+from ...core import Array, Confidence, Identifier, Log, State
 from ...watch import (
     CONTRADICTS,
     FEWEST,
@@ -29,14 +29,15 @@ _REST = 5e-4  # of the thread between two pieces, so that on two cores the user'
 
 
 class RunningMisfit:
-    """Judges the motion so far whenever it is half as long again, as `misfit_of` does at its end.
+    """Judges the motion so far each time it has grown by half, as `misfit_of` does at its end.
 
-    The filter runs along the log again, from the estimate and its covariance: while a law learns,
-    its covariance counts errors of linearisation as information, and small effects that W lacks
-    accumulate without a single significant innovation. A fault or a gap begins another log.
+    A law's own covariance is not enough while it learns: it counts errors of linearisation as
+    information, and small effects that W lacks accumulate without a single significant innovation.
+    So the filter runs along the log again, from the estimate and its covariance. A fault or a gap
+    begins another log.
 
-    A thread judges while the motion goes on. Its misfit is stated once the motion is longer by two
-    fifths, so that it does not depend on the speed of the machine.
+    A background thread judges. Its result is used from the moment at which the motion has grown by
+    two fifths since, so that results do not depend on the speed of the machine.
 
     Laws other than `memory` and `efficient` are not judged; prior (p,) is θ̂(0).
     """
@@ -68,7 +69,7 @@ class RunningMisfit:
         if gap or len(known) > self._faults:
             self._begin(len(known))
         self._start = float(log.t[0]) if not self._parts else self._start
-        self._parts = extended(self._parts, log)
+        self._parts = Log.extended(self._parts, log)
         while len(self._parts) > 1 and self._parts[1].t[0] < log.t[-1] - LONGEST:
             self._parts = self._parts[1:]
         duration = float(log.t[-1]) - self._start
@@ -82,7 +83,7 @@ class RunningMisfit:
             whole = Log.joined(*self._parts)
             whole = whole.part(int(np.searchsorted(whole.t, whole.t[-1] - LONGEST)), len(whole.t))
             stated = self._identifier.confidence(state)
-            deviations = gain_deviations(stated, state.theta_hat, self._system.space)
+            deviations = Confidence.of_gains(stated, state.theta_hat, self._system.space)
             acting = signals_after(self._system, known).acting(self._system, whole)
             given = state.theta_hat, stated, self._prior, acting
             self._found = self._pool.submit(self._judgement, self._log, *given), deviations
@@ -108,17 +109,17 @@ class RunningMisfit:
     def deviations(self, state: State) -> Array:
         """(a,) relative standard deviations of the gains, of `gain_deviations`; inf if unknown.
 
-        They are the law's own, widened by the misfit, and none is less than at the end of the last
-        motion judged. They are unknown before that, and if the misfit contradicts.
+        They are the law's own, widened by the last misfit, and never less than they were when that
+        was judged. They are unknown before the first one, and while the misfit contradicts.
         """
         stated = self._identifier.confidence(state)
         space = self._system.space
         if self._filter is None or stated is None:
-            return gain_deviations(stated, state.theta_hat, space)
+            return Confidence.of_gains(stated, state.theta_hat, space)
         if self._stated is None or self.level(state) == CONTRADICTS:
-            return gain_deviations(None, state.theta_hat, space)
+            return Confidence.of_gains(None, state.theta_hat, space)
         misfit, least = self._stated
-        own = gain_deviations(widened(stated, misfit.widening), state.theta_hat, space)
+        own = Confidence.of_gains(widened(stated, misfit.widening), state.theta_hat, space)
         return np.maximum(own, misfit.widening * least)
 
     def stop(self) -> None:

@@ -10,7 +10,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...core import Array, Log, Nullspace, SecondOrderSystem, drawn_covariance, structural
+from ...core import Array, Log, Nullspace, SecondOrderSystem, drawn_covariance
 from ..loop import Run, SimulatedRun
 from ..setup import Seeds, Setup
 
@@ -60,7 +60,7 @@ class Truth:
         epoch = int(self.epoch(t))
         if epoch not in self._nullspaces:
             rng = np.random.default_rng(self._setup.seeds.structure)
-            self._nullspaces[epoch] = structural(self.system, self.theta_at(t), rng)
+            self._nullspaces[epoch] = Nullspace.structural(self.system, self.theta_at(t), rng)
         return self._nullspaces[epoch]
 
     @property
@@ -121,4 +121,4 @@ def nullspace_of(run: Run, truth: Truth | None) -> Nullspace:
         return truth.nullspace
     theta = run.record.rows("theta_hat", -1) if len(run.record) else run.prior
     rng = np.random.default_rng(Seeds.of(run.scenario.seed).structure)
-    return structural(run.system, theta, rng)
+    return Nullspace.structural(run.system, theta, rng)

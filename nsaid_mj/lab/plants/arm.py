@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...base import EnginesDisagree, pin
-from ...core import Array, JointScales, JointTree, guessed
+from ...core import Array, Block, JointScales, JointTree
 from ...robots import BadRobot, set_inertias, tree_spec
 from .world.simulated import SimulatedRobot
 
@@ -198,7 +198,7 @@ def joint_sizes(model: pin.Model) -> tuple[Array, Array]:
 
 def _octaves(values: ArrayLike) -> Array:
     """The nearest powers of two: guesses by order of magnitude."""
-    return guessed(np.maximum(values, 1e-9))
+    return Block.guessed(np.maximum(values, 1e-9))
 
 
 def extent(inertia: pin.Inertia) -> float:

@@ -4,6 +4,8 @@ A converter is a `VehicleSheet` in the numbers that its literature publishes; it
 the vehicle's columns, in SI units, x forward, y left, z up.
 """
 
+import numpy as np
+
 from ...base import InvalidInput as InvalidInput
 from ...base import Share as Share
 from ...core import AXES as AXES
@@ -11,17 +13,10 @@ from ...core import GRAVITY as GRAVITY
 from ...core import Array as Array
 from ...core import Block as Block
 from ...core import Column as Column
+from ...core import Inertia as Inertia
 from ...core import Operation as Operation
 from ...core import Term as Term
-from ...core import actuators as actuators
-from ...core import full as full
-from ...core import guessed as guessed
-from ...core import inertial_block as inertial_block
-from ...core import mass_block as mass_block
-from ...core import named as named
-from ...core import odd as odd
-from ...core import term as term
-from ...core import tied as tied
+from ...core import polynomial
 from .rotors import rotor_terms as rotor_terms
 from .single_track import operation as operation
 from .single_track import planar_mass as planar_mass
@@ -43,3 +38,10 @@ from .world.sheet import check_directions as check_directions
 from .world.sheet import check_inertia as check_inertia
 from .world.sheet import one as one
 from .world.sheet import several as several
+
+
+def odd(*coefficients: float) -> Array:
+    """A curve by its coefficients of u, u³, u⁵ and so on."""
+    spread = np.zeros(2 * len(coefficients) - 1)
+    spread[::2] = coefficients
+    return polynomial(*spread)

@@ -5,7 +5,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from ...base import kinds_of
 from .world.config import ParametricPlantConfig
 
 
@@ -16,6 +15,6 @@ def vehicle_families() -> list[type[Any]]:
     """
     for file in sorted(Path(__file__).parent.glob("[!_]*.py")):
         import_module(f".{file.stem}", __package__)
-    known = kinds_of(ParametricPlantConfig).values()
+    known = ParametricPlantConfig.kinds().values()
     found = [kind for kind in known if "vehicle" in {field.name for field in fields(kind)}]
     return [f for f in found if not any(f is not g and issubclass(f, g) for g in found)]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...base import pin
-from ...core import Carrier, CompiledMultibody, Inertia, JointScales, Operation, link_blocks
+from ...core import Carrier, CompiledMultibody, JointScales, Operation
 from .rotors import rotor_terms
 
 
@@ -29,8 +29,6 @@ def flying_arm(
     """
     places = np.array(d["positions"])
     carrier = Carrier(
-        [Inertia(b, 10 * b) for b in range(model.njoints - 1)],
-        link_blocks(model, joints),
         rotor_terms(places, d["spins"], d["thrust"], d["torque"]),
         Operation.within(d["speed"], np.ones(len(places)), 0.1),
     )

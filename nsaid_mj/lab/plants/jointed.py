@@ -214,7 +214,7 @@ class WalkingPlant(JointedPlant):
         Raises:
             BadRobot: no link has such a name.
         """
-        from ...core import ContactPoint, rebuilt
+        from ...core import ContactPoint
 
         model = known.source.model
         links = {f.name: f for f in model.frames if f.name.endswith(self.feet) and f.parentJoint}
@@ -233,7 +233,7 @@ class WalkingPlant(JointedPlant):
             for name, f in links.items()
         )
         structure = replace(known.system.structure, contacts=contacts)
-        return known._replace(system=rebuilt(known.system, structure, known.system.space))
+        return known._replace(system=known.system.rebuilt(structure, known.system.space))
 
     def _surround(self, spec: Any, system: JointTree) -> None:
         """Adds the ground, and the feet."""

@@ -10,13 +10,9 @@ from ...core import (
     Array,
     Block,
     Column,
+    Inertia,
     Operation,
     Term,
-    full,
-    guessed,
-    inertial_block,
-    mass_block,
-    term,
 )
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import BodyInertia
@@ -83,7 +79,7 @@ class ColumnRow(SheetTable):
                 f"column {self.name}: guess",
                 "a magnitude > 0, as the value is 0",
                 "none",
-                "Say what you would expect before any measurement.",
+                "Give the order of magnitude that you expect, e.g. 10.",
             )
         return self
 
@@ -149,7 +145,7 @@ class ListedSheet(VehicleSheet):
             rigid,
             [_term([row for row in self.column if row.kind == kind]) for kind in kinds],
             Operation.within(np.array(self.speed)[axes], most),
-            None if added is None else full(tuple(axes)),
+            Inertia(0, 0) if added is None else Inertia.full(tuple(axes)),
             added,
             self.gravity,
             size=self.size,
@@ -157,10 +153,10 @@ class ListedSheet(VehicleSheet):
 
     def _inertia(self, rigid: Array, added: Array | None, axes: list[int]) -> Block:
         if added is not None:
-            return mass_block(guessed(np.diag(rigid + added)[axes]), axes)
+            return Block.of_mass_matrix(Block.guessed(np.diag(rigid + added)[axes]), axes)
         size = float(np.sqrt(max(self.inertia) / self.mass))
-        moments = guessed(np.array(self.inertia))
-        return inertial_block(float(guessed(self.mass)), 0.1 * size, moments)
+        moments = Block.guessed(np.array(self.inertia))
+        return Block.of_body(float(Block.guessed(self.mass)), 0.1 * size, moments)
 
 
 def _term(rows: list[ColumnRow]) -> Term:
@@ -170,11 +166,11 @@ def _term(rows: list[ColumnRow]) -> Term:
     kind = KINDS[rows[0].kind]
     own = {row.name: row for row in rows}
     names = list(own)
-    return term(
+    return Term.of(
         [row.column(names.index(row.name)) for row in rows],
         {f"{kind.letter}_{name}".replace(" ", "_"): f"{kind.block} of {name}" for name in names},
         [row.value for row in own.values()],
-        np.array([float(row.guess or guessed(row.value)) for row in own.values()]),
+        np.array([float(row.guess or Block.guessed(row.value)) for row in own.values()]),
         kind.name.replace("_", " "),
     )
 

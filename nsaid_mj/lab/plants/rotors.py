@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...core import Array, Term, actuators
+from ...core import Array, Term
 
 _UP = (0.0, 0.0, 1.0)
 
@@ -21,6 +21,6 @@ def rotor_terms(
     about = np.multiply.outer(spins, _UP)
     turning = {"direction": about, "spread": spread}
     return [
-        actuators("rotor", "thrust", "thrust of rotor", thrust, point=points, direction=up),
-        actuators("rotor_torque", "torque", "torque of rotor", torque, **turning),
+        Term.actuators("rotor", "thrust", "thrust of rotor", thrust, point=points, direction=up),
+        Term.actuators("rotor_torque", "torque", "torque of rotor", torque, **turning),
     ]

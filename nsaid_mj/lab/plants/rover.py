@@ -5,7 +5,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ...core import Array, SingleBody, guessed
+from ...core import Array, Block, SingleBody
 from ...robots import asset, published_numbers, set_options
 from .single_track import operation, planar_mass, single_track
 from .world.body import BODY, hidden
@@ -120,12 +120,12 @@ def structure(d: dict[str, Any]) -> SingleBody:
     """The structure for identifiers, with scales guessed from vehicle.toml's `d`."""
     guess = d["guess"]
     weight = d["mass"] * d["gravity"]
-    drive = float(guessed(2 * d["torque"] / d["radius"]))
-    stiffness = float(guessed(guess["stiffness"] * weight / 2))
+    drive = float(Block.guessed(2 * d["torque"] / d["radius"]))
+    stiffness = float(Block.guessed(guess["stiffness"] * weight / 2))
     scale = [
-        float(guessed(d["mass"])),
+        float(Block.guessed(d["mass"])),
         guess["off_centre"] * d["mass"] * d["wheelbase"],
-        float(guessed(d["mass"] * d["wheelbase"] ** 2 / 4)),
+        float(Block.guessed(d["mass"] * d["wheelbase"] ** 2 / 4)),
         stiffness,
         stiffness,
         drive,

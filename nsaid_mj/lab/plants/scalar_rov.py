@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import model_validator
 
 from ...base import InvalidInput, Number, Positive, Share, config
-from ...core import Array, Block, Column, Operation, Term, term, tied
+from ...core import Array, Block, Column, Inertia, Operation, Term
 from ...robots import VehicleFiles, asset
 from .world.blueprint import Blueprint, BodyPlant
 from .world.body import hidden
@@ -70,8 +70,8 @@ def heaving(nominal: Array, speed: float = 1.0) -> Blueprint:
         Block("mass", ("mass",), ("kg",), m, "positive"),
         nominal[0] * mass,
         [
-            term("quadratic", drag, nominal[1], d, "drag", "positive", sliding=[True], dof=[0]),
-            term("weight", {"net weight": "net weight"}, nominal[2], g),
+            Term.of("quadratic", drag, nominal[1], d, "drag", "positive", sliding=[True], dof=[0]),
+            Term.of("weight", {"net weight": "net weight"}, nominal[2], g),
             Term(
                 Block(gain, (gain,), ("N",), a, "positive", actuator=True),
                 [Column("motor", 0, dof=0, input=0)],
@@ -79,6 +79,6 @@ def heaving(nominal: Array, speed: float = 1.0) -> Blueprint:
             ),
         ],
         Operation.within([2 * speed], np.ones(1)),
-        tied([(i, i, 0, 1.0) for i in range(3)]),
+        Inertia.tied([(i, i, 0, 1.0) for i in range(3)]),
         hidden_body=lambda spread, rng: hidden(nominal[0], spread, rng) * mass,
     )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...core import Array, Block, Operation, term, tied
+from ...core import Array, Block, Inertia, Operation, Term
 from .world.blueprint import Blueprint
 
 CREEP = 0.1
@@ -49,14 +49,14 @@ def single_track(
         mass,
         rigid,
         [
-            term("tyre", tyres, forces[:2], scale[3:5], input=[1, -1], arm=[half, -half]),
-            term("drive", {"k_d": "drive gain"}, forces[2], scale[5], input=[0], point=[place]),
-            term("drive_loss", {"k_v": "drive loss"}, forces[3], scale[6], input=[0]),
-            term("rolling", {"c_0": "rolling resistance"}, forces[4], scale[7], speed=[CREEP]),
-            term("drag", {"c_D": air}, forces[5], scale[8], air, "positive", axes=np.eye(6)[:1]),
+            Term.of("tyre", tyres, forces[:2], scale[3:5], input=[1, -1], arm=[half, -half]),
+            Term.of("drive", {"k_d": "drive gain"}, forces[2], scale[5], input=[0], point=[place]),
+            Term.of("drive_loss", {"k_v": "drive loss"}, forces[3], scale[6], input=[0]),
+            Term.of("rolling", {"c_0": "rolling resistance"}, forces[4], scale[7], speed=[CREEP]),
+            Term.of("drag", {"c_D": air}, forces[5], scale[8], air, "positive", axes=np.eye(6)[:1]),
         ],
         operating,
-        tied([(0, 0, 0, 1.0), (1, 1, 0, 1.0), (1, 5, 1, 1.0), (5, 5, 2, 1.0)]),
+        Inertia.tied([(0, 0, 0, 1.0), (1, 1, 0, 1.0), (1, 5, 1, 1.0), (5, 5, 2, 1.0)]),
     )
 
 

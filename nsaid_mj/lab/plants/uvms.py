@@ -16,12 +16,8 @@ from ...core import (
     CompiledMultibody,
     Inertia,
     JointScales,
-    body_names,
-    cylinder,
-    full,
-    guessed,
-    link_blocks,
-    term,
+    JointTree,
+    Term,
 )
 from ...robots import published_numbers, vehicle_files
 from .arm import extent
@@ -67,18 +63,20 @@ def uvms() -> PublishedRobot:
     model = uvms_model(base.rigid, arm)
     joints = _joint_guesses(model, arm)
     links = published_links(arm)
-    names = body_names(model)[1:]
+    arms = JointTree.links(model)
+    names = arms.body_names[1:]
     k = len(names)
-    inertias = [Inertia(0, 0, full())]
+    inertias = [Inertia.full()]
     for i in range(k):
-        added = cylinder(links.centres[i], links.axes[i], links.lengths[i])
-        inertias += [Inertia(1 + i, 21 + 10 * i), Inertia(1 + i, 21 + 10 * k + i, added)]
+        shape = links.centres[i], links.axes[i], links.lengths[i]
+        added = Inertia.cylinder(*shape, body=1 + i, start=21 + 10 * k + i)
+        inertias += [Inertia(1 + i, 21 + 10 * i), added]
     own = (f"added_{i + 1}" for i in range(k))
     labels = (f"added mass of {name}" for name in names)
-    size = guessed(links.added)
+    size = Block.guessed(links.added)
     resisting = Block("added mass", tuple(own), ("kg",) * k, size, "positive", labels=tuple(labels))
     *forces, thrust = base.terms
-    drag = term(
+    drag = Term.of(
         "strip_drag",
         {f"link_drag_{i + 1}": f"drag of {name}" for i, name in enumerate(names)},
         links.drag,
@@ -86,7 +84,7 @@ def uvms() -> PublishedRobot:
         axis=links.axes,
         strips=[strips(*cylinder) for cylinder in zip(*links[:3], strict=True)],
     )
-    buoyancy = term(
+    buoyancy = Term.of(
         "buoyancy",
         {f"buoyancy_{i + 1}": f"buoyancy of {name}" for i, name in enumerate(names)},
         links.buoyancy,
@@ -95,9 +93,9 @@ def uvms() -> PublishedRobot:
         point=links.centres,
     )
     terms = [*forces, drag, buoyancy, thrust]
-    bodies = [base.body, *link_blocks(model, joints)[1:], resisting]
+    bodies = [base.body, *arms.link_blocks(joints.mass, joints.length)[1:], resisting]
     assert joints.rotor is not None
-    carrier = Carrier(inertias, bodies, terms, base.operation)
+    carrier = Carrier(terms, base.operation, inertias, bodies)
     speed = np.full(k, arm["joints"]["friction_speed"])
     inertial = [body.toDynamicParameters() for body in list(model.inertias)[2:]]
     on_joints = joints.rotor, joints.viscous, joints.coulomb, joints.gain
@@ -168,8 +166,8 @@ def _joint_guesses(model: pin.Model, arm: dict[str, Any]) -> JointScales:
     stated = ("viscous", "coulomb", "gain", "speed", "rotor")
     known: dict[str, Any] = {name: np.full(k, d[name]) for name in stated}
     return JointScales(
-        mass=guessed(np.array([inertia.mass for inertia in bodies])),
-        length=guessed(np.array([extent(inertia) for inertia in bodies])),
+        mass=Block.guessed(np.array([inertia.mass for inertia in bodies])),
+        length=Block.guessed(np.array([extent(inertia) for inertia in bodies])),
         command=np.full(k, 0.5),
         **known,
     )

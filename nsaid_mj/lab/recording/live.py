@@ -19,7 +19,6 @@ from ...report import (
     groups,
     live_blueprint,
     path,
-    velocity_names,
 )
 from ..observer import Observer, RobotDescription
 from ..scenario import Scenario
@@ -125,7 +124,7 @@ class LiveRecording(Observer):
         if camera and mounts_of(system):
             self._arrows = Arrows(system, camera.size, rows, self._space.scale)
         magnified = self._arrows.magnified if self._arrows else None
-        drawn = drawing_words("Forces: estimated (orange)" if self._arrows else "", magnified)
+        drawn = drawing_words("Estimated (orange): forces" if self._arrows else "", magnified)
         layout = live_blueprint(self._space, camera, drawn)
         address = self._open() if has_display() else self._serve()
         rec = rr.RecordingStream(application(f"{self._name} live"))
@@ -234,7 +233,7 @@ def _target(port: int) -> str:
 
 def _streamed(system: SecondOrderSystem) -> list[Lines]:
     """The streamed curves, without values."""
-    entities = {"velocity_error": velocity_names(system)}
+    entities = {"velocity_error": [f"Δ{name}" for name in system.velocity_names]}
     entities |= {path(*g.key, "estimated"): g.names for g in groups(system.space)}
     none = np.zeros(0)
     found = [

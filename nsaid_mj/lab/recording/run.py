@@ -17,7 +17,6 @@ from ...report import (
     drawing_words,
     item_lines,
     lines_of,
-    markdown,
     spread,
 )
 from ...report import write_recording as write_file
@@ -53,7 +52,7 @@ def write_run_recording(
     robot = RobotDrawing(run, truth)
     name = run.folder.resolve().name
     documents = {
-        "result": markdown(brief(name, result)),
+        "result": brief(name, result).markdown(),
         "statements": "\n".join(item_lines(statements(checks))) or _SHORT,
         "unknown": "\n".join(item_lines(unobservable(result))),
     }
@@ -120,7 +119,8 @@ class RobotDrawing:
             return drawing_words("")
         white = "nominal (white), " if self._truth is None else "true (white), "
         white = white if self._truth is not None or self._links else ""
-        drawn = f"{' and '.join(kinds).capitalize()}: {white}estimated (orange)"
+        drawn = f"{white}estimated (orange): {' and '.join(kinds)}"
+        drawn = drawn[0].upper() + drawn[1:]  # colours first: a narrow view cuts its title
         return drawing_words(drawn, self._efforts.magnified if self._efforts else None)
 
     def log(self, rec: rr.RecordingStream) -> None:

@@ -7,17 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from ...base import (
-    LIMITS_FORM,
     InvalidInput,
     check_choice,
     path_of,
     print_json,
     read_input,
-    toml_of,
 )
 from ...lab import folder_for_results
-from ...report import code_of
+from ...report import ExitCode
 from ...robots import check_model
+from .limits_file import read_limits_file
 
 if TYPE_CHECKING:
     from ...lab import DriverConfig, Progress, Scenario
@@ -67,7 +66,7 @@ def _designed_in(folder: Path, name: str, scenario: Scenario, chosen: ToDesign) 
 
     from ...base import installed
     from ...lab import Progress
-    from ...report import print_page, write_html
+    from ...report import print_page
     from .designing import design
     from .experiment import Experiment, own_limits
     from .files import design_document, scenario_of, write_design
@@ -102,7 +101,7 @@ def _designed_in(folder: Path, name: str, scenario: Scenario, chosen: ToDesign) 
         progress.say("trying the experiment on a draw of the prior")
         trial = tried(found)
         page = design_page(name, document, trial, found, folder)
-        written.append(write_html(page, folder))
+        written.append(page.write_html(folder))
         if installed("rerun"):
             from .recording import DESIGN_RECORDING, record_design
 
@@ -111,7 +110,7 @@ def _designed_in(folder: Path, name: str, scenario: Scenario, chosen: ToDesign) 
         print_json(document)
     elif not chosen.quiet:
         print_page(page, Console(highlight=False), written)
-    return code_of(page.result)
+    return ExitCode.of(page.result)
 
 
 def _scenario(chosen: ToDesign) -> Scenario:
@@ -166,6 +165,6 @@ def check_excite(chosen: ToDesign) -> None:
     if chosen.noise is not None:
         two_noises(chosen.noise)
     if chosen.limits is not None:
-        toml_of(chosen.limits, "--limits", LIMITS_FORM)
+        read_limits_file(chosen.limits)
     if chosen.model is not None:
         check_model(chosen.model)

@@ -27,7 +27,6 @@ from ...core import (
     SecondOrderSystem,
     SensorLevels,
     drawn_inside,
-    structural,
 )
 from ...lab import (
     EXACT_SENSORS,
@@ -91,7 +90,9 @@ class Experiment:
         error = scenario.initial_error
         others = [drawn_inside(system.space, known, error, rng) for _ in range(DRAWS - 1)]
         draws = np.array([prior, *others])
-        spaces = [structural(system, theta, np.random.default_rng(seed)) for theta in draws]
+        spaces = [
+            Nullspace.structural(system, theta, np.random.default_rng(seed)) for theta in draws
+        ]
         bases = tuple(np.ascontiguousarray(space.P_perp) for space in spaces)
         return Experiment(scenario, system, prior, draws, bases, spaces[0], levels)
 

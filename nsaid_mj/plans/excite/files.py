@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...base import write_json, write_text
-from ...core import NullspaceAID, velocity_labels
+from ...core import NullspaceAID
 from ...lab import DesignedTracking, Scenario
 from .designing import Design
 from .information import Ranks, rms
@@ -127,7 +127,7 @@ def motion_csv(found: Design) -> str:
         rng = np.random.default_rng(0)
         driver: Any = found.driver.build(system, found.experiment.prior, rng)
         q, v, a = np.array([driver.desired(t) for t in log.t.tolist()]).transpose(1, 0, 2)
-    names = velocity_labels(system)
+    names = system.velocity_labels
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     labels = names if q.shape[1] == len(names) else [f"{i + 1}" for i in range(q.shape[1])]

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.linalg
 
 from ...base import InvalidInput, NoEstimate, UnknownName
-from ...core import Array, Log, ParameterSpace, acceleration_rows, information_along, split
+from ...core import Array, Log, Nullspace, ParameterSpace
 from ...lab import DriverConfig, FourierTracking
 from .experiment import Experiment
 from .limits import Limits
@@ -111,13 +111,11 @@ def information(experiment: Experiment, log: Log, draw: int, basis: Array) -> Ar
     """
     system = experiment.system
     theta = experiment.draws[draw]
-    scale = np.array(system.space.scale)
     h = float(log.t[1] - log.t[0])
     R = np.repeat(np.array(experiment.levels) ** 2, system.n)
     J = np.zeros((basis.shape[1],) * 2)
     coarser = experiment.scenario.dt / h * R
-    own = system.forward, *system.structure.memory()
-    if not information_along(*own, theta, scale, basis, R, coarser, *log, J, False):
+    if not system.add_information(J, log, theta, basis, R, coarser):
         raise NoEstimate("M is not positive definite along the motion", "Check the parameters.")
     return J
 
@@ -132,10 +130,8 @@ def bound(J: Array, basis: Array) -> Array:
 def gramian(experiment: Experiment, log: Log, theta: Array) -> Array:
     """(p, p) mean of S Wᵀ M⁻¹ W S along a motion, S = diag(scale), at θ."""
     system = experiment.system
-    rows = np.empty((len(log.t), system.n, system.p))
-    scale = np.array(system.space.scale)
-    own = system.forward, *system.structure.memory()
-    if not acceleration_rows(*own, log.q, log.v, log.u, theta, scale, rows):
+    rows = system.acceleration_rows(log, theta)
+    if rows is None:
         raise NoEstimate("M is not positive definite along the motion", "Check the parameters.")
     M = system.mass_matrix(np.hstack([log.q, log.v]), theta)
     weighted = (np.linalg.cholesky(M).transpose(0, 2, 1) @ rows).reshape(-1, system.p)
@@ -239,4 +235,4 @@ def _rank(experiment: Experiment, log: Log) -> int:
     x = np.hstack([q, v])
     _, W = system.evaluate(t, x, v, u, experiment.draws[0])
     rows = (W * system.space.scale).reshape(-1, system.p)
-    return system.p - split(rows).r
+    return system.p - Nullspace.of(rows).r

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from ...base import LARGEST, LIMITS_FORM, InvalidInput, UnknownName, shown, toml_of
+from ...base import LARGEST, InvalidInput, UnknownName, shown
 from ...core import Array, JointTree, Log, SecondOrderSystem
+from .limits_file import LIMITS_FORM, read_limits_file
 
 Extents = Mapping[str, tuple[Array, Array]]
 """The smallest and the largest values (k,) of every limited quantity along a motion."""
@@ -186,7 +187,7 @@ def read_limits(path: Path, default: Limits) -> Limits:
         InvalidInput: the file cannot be read, or a value is not a number in its range.
         UnknownName: there is no such quantity.
     """
-    table = toml_of(path, "--limits", LIMITS_FORM)
+    table = read_limits_file(path)
     limits = dict(default.limits)
     sources = dict(default.sources)
     for name, value in table.items():

@@ -21,7 +21,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from ...base import InvalidInput
-from ...core import Array, JointTree, Log, SecondOrderSystem, memory_of, torques_along
+from ...core import Array, JointTree, Log, SecondOrderSystem
 from ...lab import (
     DesignedSignals,
     DesignedTracking,
@@ -71,7 +71,6 @@ class JointMotions:
         self.experiment = experiment
         self.limits = limits
         self.base = base
-        self._structure = system.structure.arrays
         self._n = system.n
         self._harmonics = np.arange(1.0, base.harmonics + 1)
         self._omega = 2 * np.pi * base.fundamental * self._harmonics
@@ -142,13 +141,11 @@ class JointMotions:
         place, speed, acceleration = (part @ series.coefficients.T for part in self._coarse)
         system = self.experiment.system
         theta = self.experiment.draws[draw]
-        q = np.ascontiguousarray(system.position(place + series.centre))
-        v = np.ascontiguousarray(speed)
-        a = np.ascontiguousarray(acceleration)
-        torque = place
-        memory = memory_of(self._structure, self._n)
-        torques_along(self._structure, *memory, theta, q, v, a, torque)
-        return Log.unchecked(self._t, q, v, torque / theta[system.space.actuators]), torque
+        q = system.position(place + series.centre)
+        torque = system.torques(theta, q, speed, acceleration)
+        return Log.unchecked(
+            self._t, q, np.ascontiguousarray(speed), torque / theta[system.space.actuators]
+        ), torque
 
     def candidate(self, candidate: Array, draw: int) -> tuple[Log, float]:
         """The motion of a candidate under a draw, and its penalty, 0 inside the limits."""

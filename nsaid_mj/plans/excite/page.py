@@ -17,9 +17,7 @@ from ...report import (
     Statistic,
     Table,
     Text,
-    command_names,
     count,
-    velocity_names,
 )
 from ...report import Panel as Curves
 from .designing import Design
@@ -87,9 +85,9 @@ def statements(document: dict[str, Any]) -> list[str]:
         f"{needed - count} of {needed} observable directions will be known, "
         + (f"{count} remain weak." if count else "none remains weak.")
     ]
-    measured = ", ".join(f"{h}: {rank}" for h, rank in document["harmonics"]["measured"])
+    measured = [f"{rank} with {h}" for h, rank in document["harmonics"]["measured"]]
     if measured:
-        lines.append(f"Rank by number of harmonics: {measured}, of p − r = {needed}.")
+        lines.append(f"Excited directions by number of harmonics: {', '.join(measured)}.")
     return lines
 
 
@@ -215,9 +213,9 @@ def _motion(found: Design) -> tuple[Curves, Curves]:
     every = max(1, round(1 / (_RATE * found.experiment.scenario.dt)))
     t, _, v, u = (part[::every] for part in log)
     velocity = Curves("Velocities", "v [SI]", key=("motion", "velocity"), page=False)
-    velocity.add_columns(t, v, velocity_names(system, ""))
+    velocity.add_columns(t, v, system.velocity_names)
     command = Curves("Commands", "u [–]", key=("motion", "command"), page=False)
-    command.add_columns(t, u, command_names(system))
+    command.add_columns(t, u, system.command_names)
     return velocity, command
 
 

@@ -24,11 +24,10 @@ from ...core import (
     JointTree,
     Log,
     NullspaceAID,
+    PointMasses,
     SensorLevels,
     Status,
-    directions,
     phrase,
-    point_mass,
 )
 from ...lab import INTERVAL, DesignedSignals, DesignedTracking, Seeds, Sensors
 from ...watch import supervised
@@ -134,7 +133,7 @@ def _loaded(found: Design, driver: DesignedTracking) -> Iterator[Remedy]:
     moving = sum(experiment.prior[at][0] for b, at in space if b.geometry == "pseudo_inertia")
     for part, swing in _PAYLOADS:
         mass = float(f"{part * _CARRIED * moving:.1g}")
-        added = point_mass(space, mass, place)
+        added = PointMasses(space).change(mass, place)
         loaded = replace(experiment, prior=experiment.prior + added, draws=experiment.draws + added)
         log = _kept(found, loaded, _swung(driver, swing))
         if log is None:
@@ -274,7 +273,7 @@ def predict(found: Design, report: Report = lambda _words, _share: None) -> Pred
         tuple(zip(found.asked.names, found.deviations.tolist(), strict=True)),
         tuple(helped(found, direction, others) for direction in weak[0].T[:_LISTED]),
         round(float(np.mean([each.shape[1] for each in weak]))),
-        tuple((d.words, d.fix) for d in directions(experiment.nullspace, space)),
+        tuple((d.words, d.fix) for d in experiment.nullspace.directions(space)),
         tuple(others),
     )
 

@@ -39,27 +39,27 @@ def record_design(page: Page, found: Design, file: Path) -> Path:
     t, q, v = (part[::every] for part in log[:3])
     scene = Scene(system, found.experiment.plant(0))
     camera = None if scene.empty else scene.camera(q, v)
-    left = [robot_view(camera, "Motion, under a draw of θ")] if camera else []
 
-    def tab(name: str, *plots: rrb.View) -> rrb.Container:
-        return views_beside(
-            left, rrb.Grid(*plots, grid_columns=1 if len(plots) < 4 else 2), name, [1]
-        )
+    def tab(name: str, plots: Plots, views: list[rrb.View]) -> rrb.Container:
+        # every tab has a view of its own: the viewer drops one that is in two
+        left = [robot_view(camera, "Robot's motion, under a draw of θ")] if camera else []
+        return views_beside(left, plots.grid(views, 1 if len(views) < 4 else 2), name, [1])
 
     lines = lines_of(page.result.curves)
     own = [p for p in page.result.curves if isinstance(p, Panel) and not p.page]
     motion = [panel for panel in own if not panel.logarithmic]
     moved = Plots(lines, float(t[-1]))
-    pages = [tab("Motion", *(moved(path(*panel.key), panel.title, RIGHT) for panel in motion))]
+    shown: list[rrb.View] = [moved(path(*panel.key), panel.title, RIGHT) for panel in motion]
+    pages = [tab("Motion", moved, shown)]
     intervals = [panel for panel in own if panel.logarithmic]
     if intervals:
         plots = Plots(lines, float(intervals[0].curves[0].t[-1]))
-        words = "relative error as a power of ten, −2 is 1 %"
-        views = [
+        words = "log₁₀ of the relative error"
+        views: list[rrb.View] = [
             plots(LOGARITHM + path(*panel.key), f"{panel.title}: {words}", RIGHT / 2)
             for panel in intervals
         ]
-        pages.insert(0, tab("Predicted and reached intervals", *views))
+        pages.insert(0, tab("Predicted and reached intervals", plots, views))
 
     def draw(rec: rr.RecordingStream) -> None:
         if camera is not None:

@@ -22,7 +22,7 @@ from ...base import (
     single_threaded,
     write_json,
 )
-from ...core import EXACT, ConventionalAID, IdentifierConfig, Log, NullspaceAID
+from ...core import ConventionalAID, IdentifierConfig, Log, NullspaceAID, SensorLevels
 from ...lab import (
     BATCH,
     BUDGET,
@@ -170,7 +170,7 @@ class ComparedPlant:
             log = setup.simulate()
         if not is_sound(plant, log):
             raise NoEstimate(f"the plant diverged ({plant.diverged})", "Use a smaller dt.")
-        levels = scenario.noise.levels if noise else EXACT
+        levels = scenario.noise.levels if noise else SensorLevels()
         self._problem = Problem(setup.system, log, setup.prior, levels)
         self._judges: dict[int, Judge] = {}
         self._methods: dict[str, Method] = {

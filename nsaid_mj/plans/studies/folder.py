@@ -15,13 +15,11 @@ import pyarrow.parquet as pq
 from rich.progress import Progress as Bar
 
 from ...base import (
-    SWEEP,
     BadRun,
     NotWritten,
     atomic_write,
     is_ours,
     json_of,
-    no_sweep,
     opened_file,
     read_bytes,
     sign,
@@ -31,8 +29,8 @@ from ...base import (
 )
 from .runs import Runs
 from .study import Row, in_folder
+from .sweep_files import MANIFEST, ROWS, TABLE, no_sweep
 
-MANIFEST, ROWS, TABLE = SWEEP
 _ROW = 64 << 10  # most bytes of a row, which has some 2000
 _AGAIN = 1000  # lines of rows that were made again, at most
 PICTURE = "distributions.png"

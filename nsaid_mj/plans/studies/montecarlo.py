@@ -209,18 +209,22 @@ def follow(course: DrawnMotion, scenarios: Sequence[Scenario], seen: Seen = floa
         with course.workspace:
             motion = _shared(going[0].following.identifier, part)
         with course.workspace if motion is None else nullcontext():
-            for run in going:
-                law = run.following.identifier
-                state = run.following.state
-                if motion is None:
-                    found = law.follow(state, part)
-                else:
-                    assert isinstance(law, NullspaceIdentifier)
-                    found = law.along(state, part, motion)
+            for run, found in zip(going, _steps(going, part, motion), strict=True):
                 run.absorb(part, *found, due)
                 seen((len(part.t) - 1) / last)
         seen((len(runs) - len(going)) * (len(part.t) - 1) / last)
     return runs
+
+
+def _steps(
+    runs: Sequence[Draw], log: Log, motion: Motion | None
+) -> Iterator[tuple[State, Estimates]]:
+    """Every run's identifier follows a log, together with the others if they share its motion."""
+    laws = [run.following.identifier for run in runs]
+    states = [run.following.state for run in runs]
+    if motion is not None:
+        return NullspaceIdentifier.along_together(laws, states, log, motion)  # type: ignore[arg-type]
+    return (law.follow(state, log) for law, state in zip(laws, states, strict=True))
 
 
 def _shared(identifier: Identifier, log: Log) -> Motion | None:

@@ -19,7 +19,7 @@ from rich.progress import Progress as Bar
 
 from ...base import InvalidInput, check_own, locked, shown, write_text
 from ...lab import Scenario, counted, digest_of, versions
-from ...report import Page, Result, print_page, write_html
+from ...report import Page, Result, print_page
 
 MOST_RUNS = 1_000_000
 """Largest number of runs of a study; a day has as many tenths of a second."""
@@ -182,7 +182,7 @@ def carried_out(
             bar.stop()
             write(done)
             page, files = draw(done)
-            files = [write_html(page, folder), *files]
+            files = [page.write_html(folder), *files]
         if not quiet:
             print_page(page, Console(highlight=False), files)
     return page.result, done

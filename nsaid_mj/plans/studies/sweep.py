@@ -173,15 +173,15 @@ def sweep_result(runs: Runs) -> Result:
     A sweep shows a distribution: it fails only if no run has a result.
     """
     found = RunGroup({}, runs.rows)
-    distances = found.column("theta_perp_ratio")
-    distances = distances[np.isfinite(distances)]
+    distances = RunGroup({}, found.results)  # of the same quantiles as the table
     converged = int(np.isfinite(found.column("time_to_converge")).sum())
     done = len(runs.rows)
     sentence = f"{converged} of {count(done, 'run')} converged"
-    if len(distances):
+    if found.results:
+        median, worst = (100 * distances.quantile("theta_perp_ratio", k) for k in (0.5, 1.0))
         sentence += (
-            f"; distance to the true set at the end {100 * np.median(distances):.2g} % in the "
-            f"median, {100 * distances.max():.2g} % in the worst run"
+            f"; distance to the true set at the end {median:.2g} % in the median, {worst:.2g} % in "
+            "the worst run"
         )
     missing = runs.manifest["runs"] - done
     unfinished = Finding("refusal", "missing", "not finished", f"{missing} of the runs")

@@ -22,7 +22,6 @@ from ...report import (
     page_figure,
     png_of,
     thin,
-    write_html,
 )
 from ...report import line as plots_line
 from .folder import PICTURE
@@ -51,7 +50,7 @@ def write_sweep_page(runs: Runs) -> list[Path]:
     widest = max((len(values) for values in runs.manifest["vary"].values()), default=1)
     size = (min(max(12.5, 2.4 * widest), 40.0), 0.4 + 3.6 * len(lines))
     picture = png_of(lines, size, runs.folder / PICTURE)
-    return [write_html(sweep_page(runs, lines), runs.folder), picture]
+    return [sweep_page(runs, lines).write_html(runs.folder), picture]
 
 
 def sweep_page(runs: Runs, lines: Sequence[Mapping[str, Draw]] = ()) -> Page:

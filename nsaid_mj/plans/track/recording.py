@@ -6,7 +6,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ...core import Array, JointTree, SecondOrderSystem, bones
+from ...core import Array, JointTree, SecondOrderSystem
 from ...lab import Setup, Tracker
 from ...report import (
     LOGARITHM,
@@ -17,7 +17,6 @@ from ...report import (
     Plots,
     Scene,
     lines_of,
-    markdown,
     path,
     result_view,
     robot_view,
@@ -69,7 +68,7 @@ def record(
     commands = [panel for panel in curves if isinstance(panel, Panel) and not panel.page]
     efforts = [plots(path(*panel.key), panel.title) for panel in commands]
     layout = whole_blueprint(
-        views_beside(left, rrb.Vertical(*story), "Tracking", [3, 2]),
+        views_beside(left, plots.column(story), "Tracking", [3, 2]),
         plots.grid(efforts, min(2, len(efforts)), "Commands"),
     )
 
@@ -79,7 +78,7 @@ def record(
             scene.log_poses(rec, t[frames], q[frames])
             _log_reference(rec, system, t[frames], desired[frames], camera.size)
 
-    return write_recording(file, file.parent.name, layout, {"result": markdown(page)}, lines, draw)
+    return write_recording(file, file.parent.name, layout, {"result": page.markdown()}, lines, draw)
 
 
 def _log_reference(
@@ -89,7 +88,7 @@ def _log_reference(
     time = rr.TimeColumn("sim_time", duration=t)
     radius = 0.008 * size
     if isinstance(system, JointTree):
-        drawn = bones(system.model, q)
+        drawn = system.bones(q)
         strips = rr.LineStrips3D.columns(strips=list(drawn.reshape(-1, 2, 3)))
         strips = strips.partition([drawn.shape[1]] * len(t))
         style = rr.LineStrips3D.from_fields(colors=[_GHOST], radii=[radius])

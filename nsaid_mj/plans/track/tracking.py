@@ -30,7 +30,6 @@ from ...report import (
     Result,
     Statistic,
     Table,
-    command_names,
     count,
     local_rms,
     spread,
@@ -314,7 +313,7 @@ def medians_in_words(study: Study) -> str:
     several = len(study.seeds) > 1
     whose = f"Medians over {len(study.seeds)} seeds, worst in brackets, of" if several else "Of"
     return (
-        f"{whose} the last {study.settings['last_seconds']:g} s, from true positions; "
+        f"{whose} the last {study.settings['last_seconds']:.3g} s, from true positions; "
         f"{study.scenario.sensors} sensors. "
         "Effort: peak command, in % of its limit; at limit: share of the time at the limit."
     )
@@ -342,7 +341,7 @@ def _commands(course: TrackedCourse) -> Panel:
     shares = motion.u / np.where(motion.u < 0, -low, high)
     title = f"{course.law}: commands over their limits"
     panel = Panel(title, "u [–]", key=("command", course.law), page=False)
-    panel.add_columns(motion.t[rows], shares[rows], command_names(course.setup.system))
+    panel.add_columns(motion.t[rows], shares[rows], course.setup.system.command_names)
     return panel
 
 

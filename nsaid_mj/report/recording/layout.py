@@ -10,7 +10,7 @@ from ...core import Block, ParameterSpace
 from ..labels import ParameterGroup, groups
 from .lines import PALETTE, path
 from .plots import Plots
-from .scene import CENTRE, PATH, ROBOT, TRAIL, Camera
+from .scene import MARK, PATH, ROBOT, TRAIL, Camera
 from .text import drawable
 
 _LINKS_ON_A_PAGE = 3
@@ -56,8 +56,8 @@ def blueprint(
     """
     judged = plots.shows("log_distance")
     story = {
-        "velocity": "Velocity, measured and predicted (pale)",
-        "force": "Forces that the motion needs and actuator forces (pale)",
+        "velocity": "Velocity, measured (wide) and predicted (thin, pale)",
+        "force": "Forces that the motion needs, and of the actuators (pale)",
         "gains_over_prior": "Actuators relative to the prior, over their mean",
     }
     if judged:
@@ -102,7 +102,7 @@ def live_blueprint(space: ParameterSpace, camera: Camera | None, drawn: str = ""
     return whole_blueprint(overview, *pages, play_state="following")
 
 
-def estimates(space: ParameterSpace, plots: Plots, judged: bool = True) -> list[rrb.Grid]:
+def estimates(space: ParameterSpace, plots: Plots, judged: bool = True) -> list[rrb.Container]:
     """Pages of θ̂: small blocks, actuators first, then a page per large block, then the links.
 
     `judged` is whether the plots also contain the true direction.
@@ -114,7 +114,7 @@ def estimates(space: ParameterSpace, plots: Plots, judged: bool = True) -> list[
     small = [b for b in blocks if b not in links + large]
     found = groups(space)
 
-    def page(name: str, some: Sequence[Block], columns: int = 0) -> rrb.Grid:
+    def page(name: str, some: Sequence[Block], columns: int = 0) -> rrb.Container:
         members = [group for block in some for group in found if group.block == block.name]
         columns = columns or min(len(members), 2 if len(members) <= 6 else 3)
         views = [_estimate(plots, group, judged, 1 / columns) for group in members]
@@ -148,30 +148,33 @@ def way(camera: Camera) -> rrb.Spatial3DView:
     """A vehicle's path so far, and a mark at its position."""
     return _space(
         camera,
-        "Path",
+        f"Path, grid of {camera.grid:g} m",
         {
             TRAIL: [
                 _period(rr.TimeRangeBoundary.infinite(), rr.TimeRangeBoundary.cursor_relative()),
                 rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(1.5)),
             ],
-            CENTRE: [rr.Points3D.from_fields(radii=rr.Radius.ui_points(5.0), colors=[_MARK])],
+            MARK: [rr.Points3D.from_fields(radii=rr.Radius.ui_points(5.0), colors=[_MARK])],
         },
-        [f"/{TRAIL}", f"/{CENTRE}"],
+        [f"/{TRAIL}", f"/{MARK}"],
     )
 
 
 def drawing_words(drawn: str, magnified: Mapping[str, float] | None = None) -> str:
     """Title of the robot's view: what is drawn, and which arrows are magnified."""
     longer = [f"{kind} magnified {times:g} ×" for kind, times in (magnified or {}).items()]
-    return drawable("; ".join(filter(None, [drawn or "Robot, simulated by MuJoCo", *longer])))
+    return drawable("; ".join([drawn or "Robot, simulated by MuJoCo", *longer]))
 
 
 def _space(
-    camera: Camera, name: str, overrides: dict[str, Any], contents: str | list[str] = f"/{ROBOT}/**"
+    camera: Camera,
+    name: str,
+    overrides: dict[str, Any],
+    contents: Sequence[str] = (f"/{ROBOT}/**", f"-/{MARK}"),
 ) -> rrb.Spatial3DView:
     return rrb.Spatial3DView(
         origin="/",
-        contents=contents,
+        contents=list(contents),
         name=name,
         background=rrb.Background(color=(27, 32, 41)),
         line_grid=rrb.LineGrid3D(
@@ -217,14 +220,12 @@ def _overview(
     plots: Plots,
 ) -> rrb.Horizontal:
     """The first page: robot and result on the left, the main plots on the right."""
-    below: rrb.View | rrb.Container = result_view()
-    if survey is not None:
-        below = rrb.Horizontal(way(survey), below, column_shares=[2, 3])
-    left: list[rrb.View | rrb.Container] = [below]
+    left: list[rrb.View | rrb.Container] = [result_view()]  # wide enough for its table
     if camera is not None:
         left.insert(0, robot_view(camera, drawn))
-    heights = plots.heights(*[[view] for view in story])
-    return views_beside(left, rrb.Vertical(*story, row_shares=heights), "Overview", [3, 2])
+    if survey is not None:
+        left[0] = rrb.Horizontal(left[0], way(survey), column_shares=[3, 2])
+    return views_beside(left, plots.column(story), "Overview", [3, 2])
 
 
 def views_beside(

@@ -1,7 +1,7 @@
 """The lines of a recording: the curves of a result's panels, as entities of Rerun."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import rerun as rr
@@ -26,13 +26,22 @@ PALETTE = (  # RGB, readable on a dark and on a light background; hues in the or
 )
 RED = 10
 GREY_BLUE = 8
+GREY = 11
 """Places in the palette."""
+
+_LEFT_OUT = "left out of the fit"
+_COLORS = {0: "blue", 1: "orange", RED: "red", GREY: "grey"}
+"""Words of the colours of comparisons."""
 
 LOGARITHM = "log_"
 """Prefix of entities of logarithms, of panels with a logarithmic axis, which Rerun has not."""
 
+_INTERVAL = "interval"
+_USUAL = 2.0  # widths of lines [points]; of two that are compared, the one drawn first is wide
+_WIDE = 4.5
+_THIN = 1.5
 _PALE = 0.5  # share of a pale line's colour, mixed with grey
-_GREY = 128
+_MIDDLE = 128
 _POINTS = 30_000  # of a comparison, at most; the viewer thins them by zoom
 
 
@@ -47,19 +56,21 @@ class Lines:
     places: Sequence[int]  # of each curve's colour in `PALETTE`
     pale: bool = False  # drawn as a reference, in paler versions of the colours
     steps: bool = False  # drawn as a zero-order hold instead of linear interpolation
+    width: float = _USUAL  # [points]
+    compared: bool = False  # whether it is one side of a comparison, whose colours a key explains
 
     def log_style(self, rec: rr.RecordingStream) -> None:
         """Logs the curves' names, colours and widths."""
         colors = [PALETTE[place % len(PALETTE)] for place in self.places]
         if self.pale:
-            grey = (1 - _PALE) * _GREY
+            grey = (1 - _PALE) * _MIDDLE
             colors = [tuple(round(_PALE * c + grey) for c in color) for color in colors]
         rec.log(
             self.path,
             rr.SeriesLines(
                 names=[drawable(name) for name in self.names],
                 colors=colors,
-                widths=[1.5 if self.pale else 2.0] * len(self.names),
+                widths=[self.width] * len(self.names),
                 interpolation_mode="StepAfter" if self.steps else "Linear",
             ),
             static=True,
@@ -91,7 +102,20 @@ def lines_of(panels: Iterable[AnyPanel]) -> list[Lines]:
             found += _compared(panel)
         if isinstance(panel, Panel) and panel.key:
             found += _over_time(panel)
-    return found
+    return [replace(lines, width=_width(lines, found)) for lines in found]
+
+
+def _width(lines: Lines, all_lines: Sequence[Lines]) -> float:
+    """The width of lines: where one plot also has a reference, those drawn first are wide."""
+    parent = lines.path.rpartition("/")[0]
+    beside = [
+        other
+        for other in all_lines
+        if other.path.rpartition("/")[0] == parent and not other.path.endswith(f"/{_INTERVAL}")
+    ]
+    if all(other is not lines for other in beside) or len({other.pale for other in beside}) == 1:
+        return lines.width
+    return _WIDE if lines.path == min(other.path for other in beside) else _THIN
 
 
 def _over_time(panel: Panel) -> list[Lines]:
@@ -106,7 +130,7 @@ def _over_time(panel: Panel) -> list[Lines]:
         if panel.logarithmic:
             found.append(_logarithms(found[-1], curves, unit))
         if banded := [curve for curve in curves if curve.low is not None]:
-            found.append(_ends(path(*panel.key, *part[:-1], "interval"), banded))
+            found.append(_ends(path(*panel.key, *part[:-1], _INTERVAL), banded))
     return found
 
 
@@ -138,36 +162,51 @@ def _ends(entity: str, curves: Sequence[Curve]) -> Lines:
     ends = [end for curve in curves for end in (curve.low, curve.high) if end is not None]
     values = np.column_stack(ends)
     names = ["95 % interval"] * len(ends)
-    return Lines(entity, names, curves[0].t, values, [GREY_BLUE] * len(ends), pale=True)
+    places = [GREY_BLUE] * len(ends)
+    return Lines(entity, names, curves[0].t, values, places, pale=True, width=_THIN)
 
 
 def _compared(panel: Comparison) -> list[Lines]:
     """Measured and computed values, those that were not used, and the difference, thinned.
 
-    Lines are NaN after every segment but the last.
+    Measured values are a wide line below the computed ones. Lines are NaN after every segment but
+    the last.
     """
     segment = np.zeros(len(panel.t), int) if panel.segment is None else panel.segment
     rows, gaps = _thinned(segment)
     t = np.insert(panel.t[rows], gaps, panel.t[rows][gaps - 1] + 1e-6)
-    # by entity, in whose order Rerun draws them: name, values, place of the colour, paleness
-    sides: dict[str, tuple[str, Array | None, int, bool]] = {
-        "command": (TARGET, panel.target, GREY_BLUE, True),
-        MEASURED: (MEASURED, panel.measured, 1, True),
-        panel.computed: (panel.computed, panel.predicted, 0, False),
+    used = np.ones(len(panel.t), bool) if panel.used is None else panel.used
+    # by entity, in whose order Rerun draws them: name, values, place of the colour, width
+    sides: dict[str, tuple[str, Array | None, int, float]] = {
+        "command": (TARGET, panel.target, GREY, _THIN),
+        MEASURED: (MEASURED, panel.measured, 1, _WIDE),
+        f"{MEASURED}_unused": (_LEFT_OUT, np.where(used, np.nan, panel.measured), RED, _WIDE),
+        panel.computed: (panel.computed, panel.predicted, 0, _THIN),
     }
-    if panel.used is not None and not panel.used.all():
-        unused = np.where(panel.used, np.nan, panel.measured)
-        sides["unused"] = ("left out of the fit", unused, RED, False)
     found = []
-    for side, (name, values, place, pale) in sides.items():
+    for side, (name, values, place, width) in sides.items():
         if values is not None and np.isfinite(values).any():
             shown = np.insert(values[rows], gaps, np.nan)[:, None]
-            found.append(Lines(path(*panel.key, side), [name], t, shown, [place], pale))
+            entity = path(*panel.key, side)
+            found.append(Lines(entity, [name], t, shown, [place], width=width, compared=True))
     *before, _, last = panel.key
     difference = np.insert((panel.measured - panel.predicted)[rows], gaps, np.nan)[:, None]
     entity = path(*before, "residual", last)
     found.append(Lines(entity, [f"{MEASURED} - {panel.computed}"], t, difference, [2]))
     return found
+
+
+def key(lines: Iterable[Lines]) -> str:
+    """The colours of the sides of all comparisons, in words; empty without comparisons.
+
+    It stands once on a page, whose plots need no legends then.
+    """
+    words = {}
+    for one in lines:
+        if one.compared:
+            name = one.names[0]
+            words[name] = f"{name}: {_COLORS[one.places[0]]}{', wide' * (one.width == _WIDE)}"
+    return "; ".join(words.values())
 
 
 def _thinned(segment: Indices) -> tuple[Indices, Indices]:

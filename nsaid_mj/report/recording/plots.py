@@ -15,18 +15,23 @@ _AXIS = 60.0
 _LETTER = 7.0  # of a legend [pixels], and its largest share of a plot
 _MARGIN = 55.0
 _WIDEST = 0.6
-_CLEAR = 1.04  # of the time axis over the run, so that its last label is not cut
+_CLEAR = 1.06  # of the time axis over the run, so that its last label is not cut
 _LINE = 23.0  # heights in a legend, and of a view's title [pixels]
 _PADDING = 16.0
 _HEAD = 30.0
-_BELOW = 0.06  # of an axis below its lowest label, so that it is not cut
+_BEYOND = 0.06  # of an axis beyond its outer labels, so that they are not cut
 _TALLEST = 0.78  # a legend's largest share of a plot; height of all views [pixels]
 _HEIGHT = 906.0
+_KEY = 40.0  # height of the key of a page's comparisons [pixels]
 _ROOMY = 230.0  # heights of a view with a short legend, where there is space [pixels]
 _LEAST = 140.0
 _WHOLE_RUN = rr.TimeRange(  # the default is a minute around the cursor
     start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite()
 )
+
+
+KEY = "key"
+"""Entity of the text that explains the colours of comparisons."""
 
 
 class Plots:
@@ -48,14 +53,18 @@ class Plots:
         self._end = end
         self._window = window
         self._entries: dict[Any, int] = {}  # in the legend of a view
+        self._until: dict[Any, float] = {}  # end of a view's time axis [s]
+        self._compared: set[Any] = set()  # views of measured and computed values
 
     def __call__(
         self, entity: str, title: str, width: float = 0.5, legend: bool = True
     ) -> rrb.TimeSeriesView:
         """A plot of all curves below an entity; `width` is its share of the window."""
-        names = [name for curve in self._below(entity) for name in curve.names]
+        curves = self._below(entity)
+        names = [name for curve in curves for name in curve.names]
         longest = max((len(name) for name in names), default=0)
-        legend = legend and len(set(names)) > 1
+        compared = any(curve.compared for curve in curves)
+        legend = legend and len(set(names)) > 1 and not compared
         until = None if self._end is None else _CLEAR * self._end
         if self._end is not None and legend:
             share = (_LETTER * longest + _MARGIN) / (_WINDOW * width - _AXIS)
@@ -69,7 +78,24 @@ class Plots:
             axis_y=None if decades is None else rrb.ScalarAxis(range=decades),
         )
         self._entries[view.id] = len(set(names)) if legend else 0
+        if compared:
+            self._compared.add(view.id)
+        if until is not None:
+            self._until[view.id] = until
         return view
+
+    def align(self, views: Sequence[rrb.View]) -> None:
+        """Gives plots that stand together the same time axis, with space for the widest legend."""
+        until = max((self._until.get(view.id, 0.0) for view in views), default=0.0)
+        if until > 0:
+            for view in views:
+                axis = rr.blueprint.archetypes.TimeAxis(view_range=self._span(until))
+                view.properties["TimeAxis"] = axis
+
+    def column(self, views: Sequence[rrb.View]) -> rrb.Vertical:
+        """Views below each other over one time axis; those with long legends are higher."""
+        self.align(views)
+        return rrb.Vertical(*views, row_shares=self.heights(*[[view] for view in views]))
 
     def _span(self, until: float | None) -> rr.TimeRange:
         """The times that a plot shows: a window, the time to `until` [s], or the whole run."""
@@ -95,7 +121,8 @@ class Plots:
 
     def unit(self, entity: str) -> str:
         """The unit of the curves below an entity."""
-        names = [name for curve in self._below(entity) for name in curve.names]
+        curves = self._below(entity)
+        names = [name for curve in curves for name in curve.names]
         return names[0].rpartition("[")[2].removesuffix("]") if names else "log₁₀"
 
     def heights(self, *rows: Sequence[rrb.View]) -> list[float]:
@@ -105,10 +132,19 @@ class Plots:
         roomy = [max(_ROOMY, legend) for legend in legends]
         return roomy if sum(roomy) <= _HEIGHT else [max(_LEAST, legend) for legend in legends]
 
-    def grid(self, views: Sequence[rrb.View], columns: int, name: str) -> rrb.Grid:
-        """A page of views in columns; rows with long legends are higher."""
+    def grid(self, views: Sequence[rrb.View], columns: int, name: str = "") -> rrb.Container:
+        """A page of views in columns, over one time axis; rows with long legends are higher.
+
+        Above comparisons stands one key of their colours.
+        """
+        self.align(views)
         rows = [views[k : k + columns] for k in range(0, len(views), columns)]
-        return rrb.Grid(*views, grid_columns=columns, row_shares=self.heights(*rows), name=name)
+        heights = self.heights(*rows)
+        grid = rrb.Grid(*views, grid_columns=columns, row_shares=heights, name=name or None)
+        if not any(view.id in self._compared for view in views):
+            return grid
+        key = rrb.TextDocumentView(origin=f"/{KEY}", name="Key", titlebar=False)
+        return rrb.Vertical(key, grid, row_shares=[_KEY, _HEIGHT - _KEY], name=name or None)
 
     def _decades(self, entity: str) -> tuple[float, float] | None:
         """The powers of ten that enclose all curves below an entity; None if unknown."""
@@ -118,7 +154,8 @@ class Plots:
             return None
         low = float(np.floor(min(ends)))
         high = float(np.ceil(max(ends)))
-        return low - _BELOW * (high - low), high
+        beyond = _BEYOND * (high - low)
+        return low - beyond, high + beyond
 
     def _below(self, entity: str) -> list[Lines]:
         return [c for c in self._curves if f"{c.path}/".startswith(f"{entity}/")]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import rerun as rr
 
-from ...core import Array, JointTree, SecondOrderSystem, SingleBody, bones
+from ...core import Array, JointTree, SecondOrderSystem, SingleBody
 from ...robots import Looks
 
 ROBOT = "robot"
@@ -14,10 +14,12 @@ BODY = f"{ROBOT}/body"
 PATH = f"{ROBOT}/path"
 TRAIL = f"{ROBOT}/trail"
 CENTRE = f"{BODY}/centre"
+MARK = f"{BODY}/mark"
 _TRAIL = 12.0  # length of the bright part of a vehicle's path, over half its size
 _SHORTEST = 1.0  # bounds on the duration of the bright part [s]
 _LONGEST = 20.0
 EYE = np.array([1.15, -1.45, 0.65]) / np.linalg.norm([1.15, -1.45, 0.65])
+_SURVEY = 4.4  # distance of the camera on a path, over half its size: its view is narrow
 _CREASE = np.cos(np.radians(35))  # edges between faces at a larger angle are drawn sharp
 _JOINT = (255, 176, 59)
 _BONE = (130, 170, 255)
@@ -64,7 +66,7 @@ class Scene:
         plain = ["".join(c if c.isalnum() else "_" for c in mesh.name) for mesh in self._meshes]
         self._paths = [f"{home}/{i:02}_{name}" for i, name in enumerate(plain)]
         tree = system if isinstance(system, JointTree) else None
-        self._skeleton = tree.model if tree and not self._meshes else None
+        self._skeleton = tree if not self._meshes else None
         self.vehicle = len(body_axes(system)) > 0
         self._place = np.zeros((0, 3))  # (1, 3) a vehicle's last logged position, once there is one
 
@@ -128,6 +130,7 @@ class Scene:
                 rec.log(path, way, static=True)
             centre = rr.Points3D([camera.centre], colors=[_LAST_WAY], radii=[0.01 * camera.size])
             rec.log(CENTRE, centre, static=True)  # the camera can track drawn entities only
+            rec.log(MARK, rr.Points3D([[0.0, 0.0, 0.0]]), static=True)
         elif camera.ground < 0 and isinstance(self._system, JointTree):
             stand = rr.Cylinders3D(  # supports an arm that reaches below its base
                 lengths=[-camera.ground],
@@ -206,9 +209,10 @@ class Scene:
 
     def survey(self, q: Array) -> Camera:
         """A fixed camera on a vehicle's whole path over positions q (k, m)."""
-        target, size = _ball(base_poses(self._system, q)[0])
-        ground = float(self._reach(q)[:, 2].min())
-        return Camera(target + 2.2 * size * EYE, target, size, ground, rounded(size / 5))
+        places = base_poses(self._system, q)[0]
+        target, size = _ball(places)
+        ground = float(places[:, 2].min())
+        return Camera(target + _SURVEY * size * EYE, target, size, ground, rounded(size / 3))
 
     def _reach(self, q: Array) -> Array:
         """(j, 3) corners of the meshes' bounding boxes, or joints, at positions q (k, m) [m]."""
@@ -233,7 +237,7 @@ class Scene:
     def _bones(self, q: Array) -> Array:
         """(k, bones, 2, 3) segments between joints, and from joints to their frames [m]."""
         assert self._skeleton is not None
-        return bones(self._skeleton, q)
+        return self._skeleton.bones(q)
 
 
 def _ball(points: Array) -> tuple[Array, float]:

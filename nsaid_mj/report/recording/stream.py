@@ -13,7 +13,8 @@ import rerun.blueprint as rrb
 import rerun_bindings
 
 from ...base import atomic_write
-from .lines import Lines
+from .lines import Lines, key
+from .plots import KEY
 from .text import application, drawable
 
 _MARKDOWN = rr.MediaType.MARKDOWN
@@ -44,7 +45,8 @@ def write_recording(
     memory = rec.memory_recording()
     _send_blueprint(rec, layout)
     try:
-        for entity, text in documents.items():
+        explained = {KEY: key(lines)} if key(lines) else {}
+        for entity, text in {**documents, **explained}.items():
             rec.log(entity, rr.TextDocument(drawable(text), media_type=_MARKDOWN), static=True)
         draw(rec)
         for one in lines:

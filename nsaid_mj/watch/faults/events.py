@@ -1,7 +1,7 @@
 """Records of faults, and the gain of an actuator that may keep failing.
 
-A small loss may be the beginning of a slow one. For some time afterwards the gain is modelled as a
-random walk, and the event is updated with the loss.
+A small loss of gain may be the beginning of a larger one. For some time after it the gain is
+modelled as a random walk, and the reported event is updated with the total loss.
 """
 
 from typing import NamedTuple
@@ -66,7 +66,7 @@ def revoked(events: tuple[FaultEvent, ...], part: str) -> tuple[FaultEvent, ...]
 
 
 def without_effect(event: FaultEvent) -> bool:
-    """Whether the interval of a change contains no change."""
+    """Whether the 95 % interval of a change contains zero."""
     return event.kind in _MEASURED and event.low <= 0.0 <= event.high
 
 

@@ -18,15 +18,8 @@ from ...core import (
     Cone,
     Indices,
     ParameterSpace,
+    PointMasses,
     SecondOrderSystem,
-    carrier,
-    cone_of,
-    gains_by_command,
-    gradient_and_hessian,
-    point_mass,
-    sensor_labels,
-    sensor_units,
-    submerged,
 )
 from .evidence import Jump
 
@@ -150,7 +143,7 @@ def _named(system: SecondOrderSystem, k: Sequence[int] | Indices) -> tuple[str, 
 
 def _gains(system: SecondOrderSystem) -> Iterator[tuple[int, Indices, str, tuple[str, ...]]]:
     """Every actuator that has gains: its command; their indices, their part, and their names."""
-    for command, k in enumerate(gains_by_command(system)):
+    for command, k in enumerate(system.gains_by_command):
         if len(k):
             part = " and ".join(system.space.labels[i] for i in k)
             yield command, k, part, _named(system, k)
@@ -246,15 +239,16 @@ def most_changed(space: ParameterSpace, friction: Hypothesis, jump: Jump) -> Hyp
 def _payloads(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
     """Payloads on the last body: its mass, first moments and, in air, second moments.
 
-    A heavy one changes the parameters of a link by far: the filter, linearised at the link's own,
-    would not converge, as its steps are at most a share of these. It therefore starts with a ball
-    of typical mass at the joint.
+    A heavy payload multiplies the parameters of a light link. The filter would not converge from
+    the link's own parameters, because a step is at most a share of these. Trials of heavy payloads
+    therefore start with a ball of typical mass at the joint.
     """
     space = system.space
-    name = carrier(system.space)
+    masses = PointMasses(space)
+    name = masses.carrier
     bodies = {block.name: place for block, place in space if block.geometry == "pseudo_inertia"}
     if name not in bodies:
-        return [_submerged_payload(space)] if submerged(space) else []
+        return [_submerged_payload(space)] if masses.submerged else []
     place = bodies[name]
     whole = sum(float(space.scale[at][0]) for at in bodies.values())
     scale = space.scale[place]
@@ -269,16 +263,17 @@ def _payloads(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
         mean = np.zeros(system.p)  # of the ball's radius
         square = (mass / _DENSITY) ** (2 / 3)
         mean[place] = mass * np.r_[1.0, np.zeros(3), square * np.array([1, 0, 1, 0, 0, 1])]
-        found.append(loaded(found[0], cone_of(space), space.scale, theta, mean / space.scale))
+        found.append(loaded(found[0], Cone.of(space), space.scale, theta, mean / space.scale))
     return found
 
 
 def _submerged_payload(space: ParameterSpace) -> Hypothesis:
     """A payload on a body in water."""
     mass = float(space.scale[space["mass matrix"]][0])
-    own = point_mass(space, mass, np.zeros(3))
+    masses = PointMasses(space)
+    own = masses.change(mass, np.zeros(3))
     reach = 0.3
-    arms = [point_mass(space, mass, reach * e) - own for e in np.eye(3)]
+    arms = [masses.change(mass, reach * e) - own for e in np.eye(3)]
     rows, columns = np.triu_indices(6)
     turning = space["mass matrix"].start + np.flatnonzero((rows >= 3) & (columns >= 3))
     moments = [mass * reach**2 * np.eye(len(space))[i] for i in turning]
@@ -297,7 +292,7 @@ def loaded(load: Hypothesis, cone: Cone, scale: Array, theta: Array, mean: Array
     place = np.flatnonzero(mean)
     first = place[0]
     last = place[-1] + 1
-    _, metric = gradient_and_hessian(cone, theta + scale * mean)
+    _, metric = cone.derivatives(theta + scale * mean)
     units = np.outer(scale, scale)[first:last, first:last]
     root = np.linalg.cholesky(metric[first:last, first:last] * units)
     D = np.zeros((len(theta), last - first))
@@ -308,12 +303,10 @@ def loaded(load: Hypothesis, cone: Cone, scale: Array, theta: Array, mean: Array
 
 def _biases(system: SecondOrderSystem) -> list[Hypothesis]:
     """A constant error of every sensor."""
-    labels = sensor_labels(system)
-    units = sensor_units(system)
     n = system.n
     found = []
     none = np.zeros((system.p, 0))
-    for i, (label, unit) in enumerate(zip(labels, units, strict=True)):
+    for i, (label, unit) in enumerate(system.sensors):
         name = f"{'position' if i < n else 'velocity'} {1 + i % n}"  # as faults are written
         found.append(Hypothesis("bias", label, (name,), none, np.zeros(0), unit, channel=i))
     return found

@@ -1,12 +1,15 @@
 """Fault isolation after contradictions, by trials of hypotheses, and after slow changes.
 
-Significantly large innovations contradict the filter. If it had explained `_MATURE` seconds before
-(twice as many after failed trials), a fault is possible: the filter returns to its earlier
-estimate, and trials determine which single fault, or an inexact structure, explains the motion
-best. Only the parameters of that fault are re-estimated. Slow changes are detected by the shift of
-the estimate, see `snapshots`. If no fault explains the motion, or the filter has just started, it
-restarts at the memory's estimate. Where the law states forces that the structure does not explain,
-as on a real robot's log, only an inexact structure is tried.
+Innovations that are significantly too large contradict the filter. What follows depends on how long
+the filter had explained the motion before:
+
+- for at least `_MATURE` seconds (twice as long after failed trials): a part may have failed. The
+  filter returns to its earlier estimate. Trials determine which single fault, or an inexact
+  structure, explains the motion best. Only the parameters of that fault are estimated anew;
+- for less, or if no fault explains the motion: the filter restarts at the memory's estimate.
+
+Slow changes are detected by the shift of the estimate, see `snapshots`. If the law states forces
+that the structure does not explain, as on a real robot's log, only an inexact structure is tried.
 """
 
 from typing import NamedTuple
@@ -36,7 +39,7 @@ class Isolation(NamedTuple):
 
     @property
     def _vague(self) -> bool:
-        """Whether forces are stated that the structure does not explain; faults resemble them."""
+        """Whether the law states unexplained forces: a fault could not be told from them."""
         return len(self.estimator.constants.unexplained) > 0
 
     def contradicted(self, state: EfficientState, log: Log) -> EfficientState:

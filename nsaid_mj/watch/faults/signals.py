@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...core import FaultEvent, SecondOrderSystem, Signals, gains_by_command
+from ...core import FaultEvent, SecondOrderSystem, Signals
 from .hypotheses import Hypothesis
 
 
@@ -13,7 +13,7 @@ def signals_after(system: SecondOrderSystem, events: Sequence[FaultEvent]) -> Si
     sign, held, bias = Signals.sound(system)
     commands = {
         tuple(system.space.names[i] for i in k): command
-        for command, k in enumerate(gains_by_command(system))
+        for command, k in enumerate(system.gains_by_command)
     }
     for event in events:
         command = commands.get(tuple(event.names), -1)

@@ -1,7 +1,7 @@
 """Snapshots of the filter, and detection of changes that are too slow for its innovations.
 
-Without a change, θ̂ shifts by no more than the decrease of its covariance explains. Snapshots of
-(θ̂, P_θθ) are kept at regular intervals, and each is compared with the present; see `evidence`.
+While θ is constant, θ̂ shifts by no more than the decrease of its covariance explains. Snapshots of
+(θ̂, P_θθ) are taken at regular intervals and compared with the present estimate; see `evidence`.
 """
 
 from __future__ import annotations
@@ -72,8 +72,8 @@ def slow_change(
 ) -> SlowChange | None:
     """The most evident change since any of the snapshots; None if none is evident.
 
-    ½ Δᵀ V⁻¹ Δ bounds the evidence of every jump, see `evidence`, so the hypotheses are compared
-    only where that is enough.
+    ½ Δᵀ V⁻¹ Δ is an upper bound of the evidence of every jump, see `evidence`. The hypotheses are
+    compared only if that bound is large enough.
     """
     best: SlowChange | None = None
     scale = system.space.scale

@@ -1,9 +1,10 @@
 """Trials of all hypotheses on the same data, after a contradiction.
 
-They start at the last sample before the fault, with the earlier estimate, and differ in the
-parameters that they re-estimate. The evidence of a hypothesis is the likelihood of the innovations,
-marginalised over the prior of these: Σ −½ (eᵀe + log det S). The trials continue until one
-hypothesis is probable enough or the time limit is reached; improbable ones are dropped.
+All trials start at the last sample before the fault, with the earlier estimate. They differ in the
+parameters that they estimate anew. The evidence of a hypothesis is the likelihood of the
+innovations, marginalised over the prior of these parameters: Σ −½ (eᵀe + log det S). Improbable
+hypotheses are dropped on the way. The trials end when one hypothesis is probable enough, or at the
+time limit.
 """
 
 from typing import NamedTuple, TypeVar
@@ -80,9 +81,8 @@ def begin_trials(
 def follow_trials(estimator: KalmanFilter, trials: Trials, log: Log) -> Trials:
     """The trials after a log; at a window's end they are repeated where that makes them exact.
 
-    They are repeated when the log is twice as long as the last time, and once when a lower
-    probability begins to suffice, so that all repetitions together cost no more than a few passes
-    along the whole log.
+    They are repeated whenever the log has become twice as long, and once when a lower probability
+    begins to suffice. All repetitions together thus cost no more than a few passes along the log.
     """
     known = Log.joined(trials.log.first(len(trials.log.t) - 1), log)
     each = trials.each
@@ -108,7 +108,7 @@ def follow_trials(estimator: KalmanFilter, trials: Trials, log: Log) -> Trials:
 def _hopeful(
     estimator: KalmanFilter, each: tuple[FaultTrial | BiasTrial, ...]
 ) -> tuple[FaultTrial | BiasTrial, ...]:
-    """The trials without hopeless single faults, most of all after a few samples, if one explains.
+    """The trials without hopeless single faults, provided that one trial explains the motion.
 
     Those with much of θ free are excluded from the comparison, as in `narrowed`.
     """
@@ -128,9 +128,9 @@ def _is_single(hypothesis: Hypothesis) -> bool:
 def narrowed(estimator: KalmanFilter, trials: Trials) -> Trials:
     """The trials that continue at the end of a window, free to follow a growing fault.
 
-    Improbable ones are dropped, single faults only by comparison with one another: with much of θ
-    free a filter can explain anything for a while. If not even the best explains its window, or
-    only that of all actuators, the others have not yet converged to the size of a large change: the
+    Improbable ones are dropped. Single faults are compared with one another only, because a filter
+    with most of θ free explains any motion for a while. If no trial explains its window, or only
+    that of all actuators does, the others have not converged to a large change yet, and all
     evidence is reset.
     """
     for trial in trials.each:

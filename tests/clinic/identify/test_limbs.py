@@ -70,6 +70,7 @@ def with_head(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.slow  # the size of such a limb is tested below
 def test_the_gain_of_a_head_that_stands_still_is_a_wide_guess(biped, tmp_path):
     names, *rows = biped[1].read_text(encoding="utf-8").splitlines()
     values, rng = np.array([row.split(",") for row in rows], float), np.random.default_rng(0)

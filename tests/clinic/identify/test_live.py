@@ -17,7 +17,7 @@ from nsaid_mj.clinic.identify.measured import LiveRobot, measured_scenario
 from nsaid_mj.clinic.live import _LINE
 from nsaid_mj.clinic.logs.stream import Cleaner, parsed, sample_of, turned
 from nsaid_mj.clinic.session import LiveEstimate, Session
-from nsaid_mj.core.laws.base import gain_deviations
+from nsaid_mj.core.laws.base import Confidence
 from nsaid_mj.core.log import Log
 from nsaid_mj.lab.evaluation.run_misfit import filter_of
 from nsaid_mj.lab.evaluation.running import RunningMisfit
@@ -255,9 +255,9 @@ def test_the_motion_so_far_is_judged_each_time_it_is_half_as_long_again(piece: i
         if expected.level == "contradicts":
             assert np.isinf(deviations).all()
         else:
-            least = expected.widening * gain_deviations(stated, at.theta_hat, space)
+            least = expected.widening * Confidence.of_gains(stated, at.theta_hat, space)
             wider = widened(of_law, expected.widening)
-            now = gain_deviations(wider, state.theta_hat, space)
+            now = Confidence.of_gains(wider, state.theta_hat, space)
             np.testing.assert_array_equal(deviations, np.maximum(now, least))
     assert np.isinf(found[min(found)][0]).all() and max(widenings) > 1
 
@@ -295,6 +295,6 @@ def test_after_a_gap_another_log_is_judged(log: Log):
     expected, of_law = judged_estimate(alone, *given), own.confidence(state)
     assert of_law is not None and expected.level != "contradicts"
     space, wider = live.robot.system.space, widened(of_law, expected.widening)
-    least = expected.widening * gain_deviations(own.confidence(at), at.theta_hat, space)
-    now = gain_deviations(wider, state.theta_hat, space)
+    least = expected.widening * Confidence.of_gains(own.confidence(at), at.theta_hat, space)
+    now = Confidence.of_gains(wider, state.theta_hat, space)
     np.testing.assert_array_equal(misfit.deviations(state), np.maximum(now, least))

@@ -18,9 +18,9 @@ from nsaid_mj.clinic.identify.rows import with_columns
 from nsaid_mj.clinic.identify.smoothing import delayed, refined, smooth_commands
 from nsaid_mj.clinic.identify.vehicles import VehicleRows, smooth_pose
 from nsaid_mj.clinic.logs.recordings import LogSegment, Recordings
+from nsaid_mj.core import JointTree
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.parameters import ParameterSpace
-from nsaid_mj.core.structure.joints import positions
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.setup import Setup
 from nsaid_mj.robots.model import RobotModel
@@ -81,7 +81,7 @@ def reference(rows: JointRows, choice: Choice, space: ParameterSpace) -> np.ndar
     for segment, (t, coordinates, v, a, _) in zip(rows.segments, rows.motions, strict=True):
         W = np.zeros((len(t), n, len(space)))
         weight = np.empty((len(t), n))
-        for k, q in enumerate(positions(model, coordinates)):
+        for k, q in enumerate(JointTree.links(model).position(coordinates)):
             torque = pin.computeJointTorqueRegressor(model, data, q, v[k], a[k])
             W[k, :, : 10 * n] = torque
             weight[k] = pin.computeGeneralizedGravity(model, data, q)

@@ -49,7 +49,7 @@ def problem_of(rows: int, stretch: float = 1.0, noise: float = 0.01, seed: int =
     u *= 1 + noise * rng.standard_normal(u.shape)
     two = ("1", "2")
     blocks = (
-        *link_blocks(model),
+        *link_blocks(two_joints()),
         Block(
             "viscous friction",
             tuple(f"viscous_{i}" for i in two),

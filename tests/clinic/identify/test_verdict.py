@@ -27,7 +27,7 @@ def test_a_structure_explains_as_much_as_its_parts(errors, explains):
 
 def test_the_error_is_told_in_the_unit_of_the_force_and_the_next_step_is_named():
     explains, sentence = verdict([joint("a", 0.05), joint("b", 0.15)])
-    assert explains == "yes" and "most at b: 0.3 N·m" in sentence
+    assert explains == "yes" and "largest at b: 0.3 N·m" in sentence
     assert "Next: confirm it on a log of another motion" in sentence
 
 

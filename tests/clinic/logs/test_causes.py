@@ -12,8 +12,10 @@ import pytest
 
 from nsaid_mj.base.findings import Finding
 from nsaid_mj.clinic.identify.fixing import fix
+from nsaid_mj.clinic.logs.causes import velocity_causes
 from nsaid_mj.clinic.logs.checks import checks
 from nsaid_mj.clinic.logs.clocks import regular
+from nsaid_mj.clinic.logs.evidence import LogMotion
 from nsaid_mj.clinic.logs.mapping import Map, map_of
 from nsaid_mj.clinic.logs.preparation import prepare
 from nsaid_mj.clinic.logs.remedies import composed, mended, remedies
@@ -26,17 +28,23 @@ Table = dict[str, np.ndarray]
 
 
 @lru_cache(maxsize=4)
-def _healthy(seed: int) -> Table:
-    """A log of three joints under gravity with friction and rotors, 15 s at 200 Hz."""
+def _healthy(seed: int, pace: float = 1.0, masses: tuple[float, ...] = (1, 1, 1)) -> Table:
+    """A log of three joints under gravity with friction and rotors, 15 s at 200 Hz.
+
+    Its motion is so many times faster, and its links' masses those of the model times some numbers.
+    """
     rng = np.random.default_rng(seed)
     t = np.arange(3000) / 200
-    rate = 2 * np.pi * rng.uniform(0.2, 0.9, (3, 3))
+    rate = pace * 2 * np.pi * rng.uniform(0.2, 0.9, (3, 3))
     phase = rng.uniform(0, 2 * np.pi, (3, 3))
     angle = t[:, None, None] * rate + phase
     q = 0.35 * np.sin(angle).sum(axis=1)
     v = 0.35 * (rate * np.cos(angle)).sum(axis=1)
     a = -0.35 * (rate**2 * np.sin(angle)).sum(axis=1)
-    model = two_joints(NAMES).model
+    model = two_joints(NAMES).model.copy()
+    for joint, factor in enumerate(masses, 1):
+        own = model.inertias[joint]
+        model.inertias[joint] = pin.Inertia(factor * own.mass, own.lever, factor * own.inertia)
     data = model.createData()
     u = np.array([pin.rnea(model, data, *row) for row in zip(q, v, a, strict=True)])
     u = u + 0.1 * a + 0.8 * v + np.tanh(v / 0.05)
@@ -52,7 +60,7 @@ def _times(table: Table, factor: float, *names: str) -> Table:
     return table | {name: factor * table[name] for name in names}
 
 
-def _findings(mapping: Map | None, *tables: Table) -> list[Finding]:
+def _findings(mapping: Map | None, *tables: Table, level: str = "refusal") -> list[Finding]:
     robot = two_joints(NAMES)
     scale = (mapping or Map()).time.scale
     logs = []
@@ -64,7 +72,7 @@ def _findings(mapping: Map | None, *tables: Table) -> list[Finding]:
         found = checks(prepare(logs, mapping, robot), robot)
     except UnusableLog as error:
         found = error.findings
-    return [finding for finding in found if finding.level == "refusal"]
+    return [finding for finding in found if finding.level == level]
 
 
 def _mended(found: list[Finding]) -> Map:
@@ -139,6 +147,35 @@ def test_a_clock_without_velocities_is_seen_by_weight_and_inertia():
     table = {n: x for n, x in _healthy(0).items() if not n.startswith("dq")}
     (finding,) = _findings(None, _times(table, 0.5, "t"))
     assert (finding.code, finding.data["factor"]) == ("clock", 2.0)
+
+
+@pytest.mark.parametrize("scale", [0.4, 1.0])
+def test_links_that_are_off_are_no_wrong_clock_and_hide_none(scale):
+    table = _healthy(2, masses=(1.25, 0.75, 1.2))
+    table = _times({n: x for n, x in table.items() if not n.startswith("dq")}, 1 / scale, "t")
+    factors = [finding.data["factor"] for finding in _findings(None, table)]
+    assert factors == ([] if scale == 1 else [pytest.approx(scale, rel=0.08)])
+
+
+def test_on_slow_motion_nothing_checks_the_clock_and_it_is_said():
+    table = {n: x for n, x in _healthy(0, pace=0.05).items() if not n.startswith("dq")}
+    assert _findings(None, table) == []
+    assert "clock_unchecked" in [f.code for f in _findings(None, table, level="warning")]
+
+
+def test_a_joint_that_settles_between_the_rows_of_its_target_has_no_other_unit():
+    """Seen at 50 Hz: velocities at the rows were 1.29 times too small."""
+    table = _healthy(1)
+    q, v, u = (np.column_stack([table[f"{x}{k}"] for k in (1, 2, 3)]) for x in ("q", "dq", "tau"))
+    slopes = v.copy()
+    v[:, 2] /= 1.29
+    still = np.zeros(len(q), int)
+    motion = LogMotion(q, slopes, v, 0 * v, u, np.ones(q.shape, bool), still, still, 200.0)
+    robot = two_joints(NAMES)
+    (refused,), _ = velocity_causes(motion, robot, [0, 1, 2])
+    (said,), _ = velocity_causes(motion, robot, [0, 1, 2], held=True)
+    assert (refused.code, refused.level) == ("velocity_mismatch", "refusal")
+    assert (said.code, said.level, said.where) == ("settles_between_rows", "warning", "wrist")
 
 
 def test_milliseconds_without_velocities_are_a_clock_at_which_no_robot_is_recorded():

@@ -103,6 +103,7 @@ def test_two_different_loads_are_refused(files):
         servo_logs(MODEL, files, loads=loads)
 
 
+@pytest.mark.slow  # a load of a stiffer arm is weighed above
 @pytest.mark.usefixtures("no_profile_search")
 def test_joints_of_a_heavy_arm_that_shake_each_other_are_weighed(tmp_path):
     """250 g on soft servos: simulated one by one, the joints drive each other apart."""

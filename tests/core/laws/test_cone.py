@@ -58,8 +58,8 @@ def natural_rate(cone, eta, theta, stiffness, mu, gradient):
 @FEW
 @given(seeds, st.floats(0, 2))
 def test_drawn_estimates_are_inside_the_cone_and_survive_the_chart(name, seed, error):
-    cone, theta = geometry.cone_of(scenario_plant(name).system.space), inside(name, seed, error)
-    assert geometry.inside(cone, theta) and np.isfinite(barrier.barrier(cone, theta))
+    cone, theta = geometry.Cone.of(scenario_plant(name).system.space), inside(name, seed, error)
+    assert cone.contains(theta) and np.isfinite(cone.barrier(theta))
     again = from_chart(cone, to_chart(cone, theta), geometry.coordinates(cone))
     np.testing.assert_allclose(again, theta, rtol=1e-9, atol=1e-12 * np.abs(theta).max())
 
@@ -68,10 +68,10 @@ def test_drawn_estimates_are_inside_the_cone_and_survive_the_chart(name, seed, e
 @FEW
 @given(seeds)
 def test_any_chart_point_is_inside(name, seed):
-    cone = geometry.cone_of(scenario_plant(name).system.space)
+    cone = geometry.Cone.of(scenario_plant(name).system.space)
     eta = np.random.default_rng(seed).uniform(-2, 2, scenario_plant(name).system.p)
     theta = from_chart(cone, eta, geometry.coordinates(cone))
-    assert geometry.inside(cone, theta)
+    assert cone.contains(theta)
 
 
 @FEW
@@ -90,11 +90,11 @@ def test_a_tied_matrix_on_the_edge_is_drawn_inside():
     space, truth = scenario_plant("remus100").system.space, scenario_plant("remus100").truth.copy()
     place = space["mass matrix"]
     truth[place.start + 4] = np.sqrt(truth[place][1] * truth[place][3])  # M_26² = M_22 M_55
-    cone, rng = geometry.cone_of(space), np.random.default_rng(0)
-    assert not geometry.inside(cone, truth)
+    cone, rng = geometry.Cone.of(space), np.random.default_rng(0)
+    assert not cone.contains(truth)
     for error in (0.0, 0.3, 1.0):
         theta = drawn_inside(space, truth, error, rng)
-        assert geometry.inside(cone, theta)
+        assert cone.contains(theta)
         M = mass_of_a_torpedo(theta[place])
         assert np.linalg.eigvalsh(balanced(M))[0] >= 0.999e-3 * np.exp(-error)
 
@@ -121,7 +121,7 @@ def balanced(M: np.ndarray) -> np.ndarray:
 
 def test_the_torpedos_block_is_its_mass_matrix():
     system, truth = scenario_plant("remus100").system, scenario_plant("remus100").truth
-    cone, x = geometry.cone_of(system.space), np.r_[system.position(np.zeros(6)), np.zeros(6)]
+    cone, x = geometry.Cone.of(system.space), np.r_[system.position(np.zeros(6)), np.zeros(6)]
     M = geometry.matrix(cone, 0, truth)
     M += np.tril(M, -1).T
     np.testing.assert_array_equal(M, system.mass_matrix(x, truth))
@@ -133,14 +133,14 @@ def test_the_torpedos_block_is_its_mass_matrix():
 @given(seeds)
 def test_the_barrier_is_logarithmically_homogeneous(name, seed):
     """b(sθ) = b(θ) − ν log s, so ∇b·θ = −ν and ∇²b θ = −∇b."""
-    cone, theta = geometry.cone_of(scenario_plant(name).system.space), inside(name, seed)
-    gradient, hessian = barrier.gradient_and_hessian(cone, theta)
+    cone, theta = geometry.Cone.of(scenario_plant(name).system.space), inside(name, seed)
+    gradient, hessian = cone.derivatives(theta)
     own = np.diag(hessian) > 0  # parameters of the cone; the others have no barrier
     assert gradient @ theta == pytest.approx(-cone.degree)
     np.testing.assert_allclose(
         hessian @ np.where(own, theta, 0), -gradient, rtol=1e-6, atol=1e-9 * np.abs(gradient).max()
     )
-    fall = barrier.barrier(cone, theta) - barrier.barrier(cone, 3 * theta)
+    fall = cone.barrier(theta) - cone.barrier(3 * theta)
     assert fall == pytest.approx(cone.degree * np.log(3))
 
 
@@ -148,15 +148,13 @@ def test_the_barrier_is_logarithmically_homogeneous(name, seed):
 @FEW
 @given(seeds)
 def test_gradient_and_hessian_match_finite_differences(name, seed):
-    cone, theta = geometry.cone_of(scenario_plant(name).system.space), inside(name, seed, 0.2)
+    cone, theta = geometry.Cone.of(scenario_plant(name).system.space), inside(name, seed, 0.2)
     step = 1e-6 * (inside(name, seed + 1, 0.2) - theta)
     plus, minus = theta + step, theta - step
-    gradient, hessian = barrier.gradient_and_hessian(cone, theta)
-    rise = barrier.barrier(cone, plus) - barrier.barrier(cone, minus)
+    gradient, hessian = cone.derivatives(theta)
+    rise = cone.barrier(plus) - cone.barrier(minus)
     assert rise == pytest.approx(2 * gradient @ step, rel=1e-4, abs=1e-9)
-    turn = (
-        barrier.gradient_and_hessian(cone, plus)[0] - barrier.gradient_and_hessian(cone, minus)[0]
-    )
+    turn = cone.derivatives(plus)[0] - cone.derivatives(minus)[0]
     np.testing.assert_allclose(turn, 2 * hessian @ step, atol=1e-5 * np.abs(turn).max())
     eta = to_chart(cone, theta)
     moved = to_chart(cone, plus) - to_chart(cone, minus)
@@ -189,7 +187,7 @@ MIXED = ParameterSpace(
         block("lift", 1, "free"),
     )
 )
-CONE, PAIRING = geometry.cone_of(MIXED), geometry.coordinates(geometry.cone_of(MIXED))
+CONE, PAIRING = geometry.Cone.of(MIXED), geometry.coordinates(geometry.Cone.of(MIXED))
 
 
 def pseudo_inertia(phi: np.ndarray) -> np.ndarray:
@@ -251,11 +249,9 @@ def test_the_barrier_and_its_derivatives_are_those_of_the_dense_matrices(seed):
         if part.geometry in ("pseudo_inertia", "spd", "tied")
     )
     value -= np.log(theta[MIXED["gain"]]).sum()
-    assert barrier.barrier(CONE, theta) == pytest.approx(value, rel=1e-10, abs=1e-10)
+    assert CONE.barrier(theta) == pytest.approx(value, rel=1e-10, abs=1e-10)
     assert CONE.degree == 3 + 4 + 3 + 4 + 1 + 6 + 3
-    for own, expected in zip(
-        barrier.gradient_and_hessian(CONE, theta), dense_hessian(theta), strict=True
-    ):
+    for own, expected in zip(CONE.derivatives(theta), dense_hessian(theta), strict=True):
         np.testing.assert_allclose(own, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
 
 
@@ -327,7 +323,7 @@ def test_links_do_not_depend_on_their_neighbours(seed, count, data):
     """Each has a SIMD lane: it gets the bits it gets alone, and NaN stays in its own lane."""
     rng = np.random.default_rng(seed)
     links = tuple(block(f"link {i}", 10, "pseudo_inertia") for i in range(count))
-    many, one = (geometry.cone_of(ParameterSpace(part)) for part in (links, links[:1]))
+    many, one = (geometry.Cone.of(ParameterSpace(part)) for part in (links, links[:1]))
     theta = np.concatenate([physical(rng)[MIXED["link"]] for _ in links])
     bad = data.draw(st.integers(0, count - 1)) if data.draw(st.booleans()) else None
     if bad is not None:
@@ -374,12 +370,12 @@ def test_a_step_of_a_tied_matrix_of_any_length_stays_inside(seed, log_length):
 def test_an_estimate_outside_gives_nan_in_its_own_block_only(name, how):
     theta, place = physical(np.random.default_rng(0)), MIXED[name]
     theta[place] = {"outside": -1.0, "edge": 0.0, "NaN": np.nan}[how] * theta[place]
-    assert not geometry.inside(CONE, theta) and barrier.barrier(CONE, theta) == np.inf
+    assert not CONE.contains(theta) and CONE.barrier(theta) == np.inf
     eta = to_chart(CONE, theta)
     stiffness, gradient = np.ones(len(MIXED)), np.ones(len(MIXED))
     again = from_chart(CONE, eta, PAIRING)
     rate = natural_rate(CONE, eta, again, stiffness, 1.0, gradient)
-    slope, _ = barrier.gradient_and_hessian(CONE, theta)
+    slope, _ = CONE.derivatives(theta)
     for seen in (eta, again, rate, slope):
         assert np.isnan(seen[place]).all() and np.isnan(seen).sum() == place.stop - place.start
     full = barrier.metric_solve(CONE, theta, np.diag(stiffness), 1.0, gradient)
@@ -405,12 +401,12 @@ def test_v_falls_and_the_conserved_quantity_stays(name):
 
 def test_no_start_and_no_gain_leaves_the_cone():
     """Where constant Γ loses M̂ > 0, the cone's metric does not."""
-    cone, lost = geometry.cone_of(scenario_plant("bluerov2").system.space), 0
+    cone, lost = geometry.Cone.of(scenario_plant("bluerov2").system.space), 0
     measured = driven("bluerov2", 5.0, seed=MOTION).rows[:200]
     for seed in range(6):
         prior = inside("bluerov2", seed, 1.0)
         _, found = estimates(build("bluerov2", prior, gain=100.0), measured)
-        assert all(geometry.inside(cone, theta) for theta in found)
+        assert all(cone.contains(theta) for theta in found)
         system = scenario_plant("bluerov2").system
         plain = paper_identifier(
             system,
@@ -470,7 +466,7 @@ def test_a_step_is_rk4_in_the_dense_metric(name, full):
 def test_no_step_returns_an_estimate_outside_the_cone():
     """A law far too fast for dt ends with a status and the last good estimate, never in NaN."""
     cone, measured = (
-        geometry.cone_of(scenario_plant("bluerov2").system.space),
+        geometry.Cone.of(scenario_plant("bluerov2").system.space),
         driven("bluerov2", 5.0, seed=MOTION).rows[:20],
     )
     endings = set()
@@ -480,7 +476,7 @@ def test_no_step_returns_an_estimate_outside_the_cone():
         state = law.init(measured[0])
         for before, after in pairwise(measured):
             state = law.step(state, before, after)
-            assert geometry.inside(cone, state.theta_hat) and np.isfinite(state.theta_hat).all()
+            assert cone.contains(state.theta_hat) and np.isfinite(state.theta_hat).all()
             assert np.isfinite(state.v_hat).all()
             if state.status is not Status.completed:
                 break
@@ -491,7 +487,7 @@ def test_no_step_returns_an_estimate_outside_the_cone():
 def test_a_tied_mass_matrix_is_held_inside_by_a_law_too_fast_for_it():
     """Steps as long as the cone is wide are divided, also where a tied matrix cuts them."""
     measured, system = driven("remus100", 5.0, seed=MOTION).rows, scenario_plant("remus100").system
-    cone, place = geometry.cone_of(system.space), system.space["mass matrix"]
+    cone, place = geometry.Cone.of(system.space), system.space["mass matrix"]
     long = 0
     for seed in range(2):
         law = build("remus100", inside("remus100", seed, 1.0), gain=700.0, mu=1e-4)
@@ -500,11 +496,11 @@ def test_a_tied_mass_matrix_is_held_inside_by_a_law_too_fast_for_it():
             following = law.step(state, before, after)
             if following.status is not Status.completed:
                 break
-            assert geometry.inside(cone, following.theta_hat)
+            assert cone.contains(following.theta_hat)
             change = law.conserved(following.theta_hat) - law.conserved(state.theta_hat)
             assert abs(change) <= 64 * ACCURACY * law.metric.mu * cone.degree * (1 + 1e-6)
             whole = np.r_[state.theta_hat[place], np.ones(system.p - 6)]
-            metric = barrier.gradient_and_hessian(cone, whole)[1][place, place]
+            metric = cone.derivatives(whole)[1][place, place]
             d = (following.theta_hat - state.theta_hat)[place]
             long += np.sqrt(d @ metric @ d) > 0.5
             state = following

@@ -15,9 +15,8 @@ from nsaid_mj.core.laws.efficient.estimator import KalmanFilter
 from nsaid_mj.core.laws.efficient.noise import Noise, add_increment
 from nsaid_mj.core.laws.settings import EfficientConfig
 from nsaid_mj.core.log import Log
-from nsaid_mj.core.nullspace.subspace import structural
-from nsaid_mj.core.quotient.barrier import gradient_and_hessian, local_norm
-from nsaid_mj.core.quotient.cone import cone_of
+from nsaid_mj.core.nullspace.subspace import Nullspace
+from nsaid_mj.core.quotient.cone import Cone
 from nsaid_mj.core.structure.joints import JointScales
 from nsaid_mj.core.structure.multibody import CompiledMultibody
 from nsaid_mj.core.structure.system import SecondOrderSystem
@@ -50,7 +49,7 @@ class Followed(NamedTuple):
         system, theta = self.setup.system, self.state.theta_hat
         stated = self.setup.identifiers()[""].confidence(self.state)
         assert stated is not None
-        nullspace = structural(system, theta, np.random.default_rng(0))
+        nullspace = Nullspace.structural(system, theta, np.random.default_rng(0))
         return known(stated, theta, nullspace, system.space)
 
     @property
@@ -124,11 +123,11 @@ def test_the_local_norm_is_that_of_the_barriers_hessian() -> None:
     for name in ("bluerov2", "crazyflie", "remus100"):
         setup, rng = Setup.of(load(name)), np.random.default_rng(0)
         space = setup.system.space
-        cone, theta = cone_of(space), drawn_inside(space, setup.plant.truth, 0.3, rng)
+        cone, theta = Cone.of(space), drawn_inside(space, setup.plant.truth, 0.3, rng)
         step = 0.1 * space.scale * rng.standard_normal(len(space))
-        _, hessian = gradient_and_hessian(cone, theta)
+        _, hessian = cone.derivatives(theta)
         expected = np.sqrt(step @ hessian @ step)
-        assert local_norm(cone, theta, step) == pytest.approx(expected, rel=1e-9)
+        assert cone.length(theta, step) == pytest.approx(expected, rel=1e-9)
 
 
 def test_a_log_in_pieces_gives_the_same_estimates() -> None:

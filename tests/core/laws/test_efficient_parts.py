@@ -27,7 +27,7 @@ from nsaid_mj.core.laws.settings import EfficientConfig
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.nullspace.subspace import parts_of
 from nsaid_mj.core.parameters import Array, Block, ParameterSpace
-from nsaid_mj.core.quotient.cone import cone_of, inside
+from nsaid_mj.core.quotient.cone import Cone
 from nsaid_mj.core.structure.arrays import StructureArrays
 from nsaid_mj.lab.evaluation import run_misfit
 from nsaid_mj.watch import misfit
@@ -77,7 +77,7 @@ def filter_and_constants(
     theta = scale * np.array([1.5, 0.7, 1.0, 0.02])
     kalman = filter_at(np.zeros(N), np.zeros(N), theta, joint[2 * N :, 2 * N :].copy())
     kalman.Pxx[:], kalman.Pxt[:] = joint[: 2 * N, : 2 * N], joint[: 2 * N, 2 * N :]
-    cone, walks = cone_of(space), np.full(P, walk)
+    cone, walks = Cone.of(space), np.full(P, walk)
     return kalman, FilterConstants(
         NO_STRUCTURE,
         cone,
@@ -195,7 +195,7 @@ def test_a_step_keeps_half_of_the_mass_matrix_and_is_no_shorter_than_that_asks(n
     made, shortened = plant(name), 0
     system, truth = made.system, made.truth
     space, n = system.space, system.n
-    cone, scale = cone_of(space), np.array(space.scale)
+    cone, scale = Cone.of(space), np.array(space.scale)
     constants = FilterConstants(
         system.forward,
         cone,
@@ -488,7 +488,7 @@ def test_an_estimate_is_judged_inside_the_cone_with_gains_that_are_sound() -> No
     np.testing.assert_array_equal(found, expected)
     bodies = [place for block, place in space if block.geometry not in {"free", "positive"}]
     theta[bodies[0]] *= -1
-    assert inside(cone_of(space), misfit._sound(space, theta, prior))
+    assert Cone.of(space).contains(misfit._sound(space, theta, prior))
 
 
 @pytest.mark.parametrize("kept", [2, 1])

@@ -21,9 +21,8 @@ from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.core.laws.settings import MemoryConfig
 from nsaid_mj.core.log import EXACT, Measurement, SensorLevels
 from nsaid_mj.core.log import Log as Measured
-from nsaid_mj.core.nullspace.subspace import Nullspace, structural
+from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.core.parameters import Array
-from nsaid_mj.core.quotient import cone as geometry
 from nsaid_mj.core.quotient.cost import Quotient, Remembered
 from nsaid_mj.lab.control.driver import Driver
 from nsaid_mj.lab.evaluation.confidence import KnownDirections, known
@@ -78,7 +77,7 @@ def stepper(law: NullspaceIdentifier) -> ImplicitMemory:
 @cache
 def nullspace(name: str) -> Nullspace:
     plant = scenario_plant(name)
-    return structural(plant.system, plant.truth, np.random.default_rng(0))
+    return Nullspace.structural(plant.system, plant.truth, np.random.default_rng(0))
 
 
 def distance(name: str, theta: Array) -> float:
@@ -130,7 +129,7 @@ def test_a_step_lowers_its_objective_and_v_at_any_size(name, pace):
             assert found is not None
             cost = found.weighted(theta)
             ahead, seen = stepper(law).implicit_step(theta, memory)
-            assert seen.scores.view is not None and geometry.inside(law.metric.cone, ahead)
+            assert seen.scores.view is not None and law.metric.cone.contains(ahead)
             old, new = (
                 reach * cost.value(x) + float(law.divergence(x, theta)) / law.metric.mu
                 for x in (theta, ahead)
@@ -225,7 +224,7 @@ def test_a_start_far_off_stays_in_the_cone_and_converges(name, seed):
     log = driven(name, 20.0)
     law = build(name, inside(log, seed, 1.0))
     state, made = followed(law, log.rows)
-    assert all(geometry.inside(law.metric.cone, theta) for theta in made.theta_hat)
+    assert all(law.metric.cone.contains(theta) for theta in made.theta_hat)
     assert distance(name, law.prior) > 0.1
     assert distance(name, state.theta_hat) < 1e-3
 
@@ -311,7 +310,7 @@ def test_unexcited_directions_stay_bounded_under_noise(anchor):
     for seed in range(3):
         law = build("bluerov2", inside(log, seed), NOISE.levels, anchor=anchor)
         end, made = followed(law, noisy(log, NOISE, seed).rows)
-        assert all(geometry.inside(law.metric.cone, theta) for theta in made.theta_hat)
+        assert all(law.metric.cone.contains(theta) for theta in made.theta_hat)
         assert np.abs((made.theta_hat - law.prior) / scale).max() < 2.0
         assert law.confidence(end) is not None
 
@@ -362,7 +361,9 @@ def knowledge(law: NullspaceIdentifier, state: State) -> KnownDirections:
     stated = law.confidence(state)
     assert stated is not None
     system, theta = law.system, state.theta_hat
-    return known(stated, theta, structural(system, theta, np.random.default_rng(0)), system.space)
+    return known(
+        stated, theta, Nullspace.structural(system, theta, np.random.default_rng(0)), system.space
+    )
 
 
 @cache

@@ -20,10 +20,10 @@ from nsaid_mj.core.laws.efficient.steps import carry_scale, margin_of, project_i
 from nsaid_mj.core.laws.faults import FaultEvent
 from nsaid_mj.core.laws.settings import EfficientConfig
 from nsaid_mj.core.log import Log
-from nsaid_mj.core.nullspace.subspace import parts_of, structural
+from nsaid_mj.core.nullspace.subspace import Nullspace, parts_of
 from nsaid_mj.core.parameters import Block, ParameterSpace
-from nsaid_mj.core.quotient.cone import cone_of, inside
-from nsaid_mj.core.structure.system import SecondOrderSystem, gains_by_command
+from nsaid_mj.core.quotient.cone import Cone
+from nsaid_mj.core.structure.system import SecondOrderSystem
 from nsaid_mj.lab.evaluation.confidence import KnownDirections, known
 from nsaid_mj.lab.evaluation.run_misfit import misfit_of
 from nsaid_mj.lab.library import load
@@ -103,7 +103,7 @@ def known_of(found: Ran, widening: float = 1.0) -> KnownDirections:
     stated = setup.identifiers()[""].confidence(found.state)
     assert stated is not None
     stated = widened(stated, widening)
-    nullspace = structural(system, theta, np.random.default_rng(0))
+    nullspace = Nullspace.structural(system, theta, np.random.default_rng(0))
     return known(stated, theta, nullspace, system.space)
 
 
@@ -146,7 +146,7 @@ def test_a_projected_step_is_inside_and_closer_to_the_truth(
         space, truth = system.space, drawn_inside(system.space, given_truth, 0.5, rng)
     else:
         space, truth = random_parameters(rng, kinds, edge)
-    cone, p, scale = cone_of(space), len(space), np.array(space.scale)
+    cone, p, scale = Cone.of(space), len(space), np.array(space.scale)
     margin = margin_of(cone, scale)
     truth = truth + 2 * margin
     root = rng.standard_normal((p, p)) * np.logspace(0, -rng.uniform(0, 3), p)
@@ -156,14 +156,14 @@ def test_a_projected_step_is_inside_and_closer_to_the_truth(
     theta, lost = start.copy(), start.copy()
     work = np.empty(p), np.empty(p), np.empty((p, p))
     project_inside(cone, margin, before, theta, scale, P, cross, np.zeros(2), *work)
-    assert inside(cone, theta)
+    assert cone.contains(theta)
     nowhere = np.full(p, np.nan)  # to tell whether the projections sufficed
     project_inside(cone, margin, nowhere, lost, scale, P, cross, np.zeros(2), *work)
     if np.isfinite(lost).all():
         whiten = np.linalg.solve(root, np.diag(1 / scale))
         far, near = (float(np.sum((whiten @ (x - truth)) ** 2)) for x in (start, theta))
         assert near <= far * (1 + 1e-6)
-        assert (theta == start).all() == inside(cone, start - margin)
+        assert (theta == start).all() == cone.contains(start - margin)
     event("projected" if np.isfinite(lost).all() else "halved")
 
 
@@ -265,9 +265,9 @@ def test_an_estimate_on_the_cones_boundary_has_no_interval() -> None:
 def test_the_estimate_stays_in_the_cone_along_a_run() -> None:
     """Seed 300 of panda: outside in 27 of 50 looks, and no verdict."""
     found = run_once("panda", 300, 6.0)
-    cone = cone_of(found.setup.system.space)
-    assert all(inside(cone, theta) for theta in found.theta_hat[::50])
-    assert inside(cone, found.own.filter.theta)
+    cone = Cone.of(found.setup.system.space)
+    assert all(cone.contains(theta) for theta in found.theta_hat[::50])
+    assert cone.contains(found.own.filter.theta)
     assert misfit(found).level == "none"
 
 
@@ -277,7 +277,7 @@ def test_what_is_learned_while_the_prior_is_far_off_is_not_believed_too_much() -
         found = run_once("f1tenth", seed, 6.0)
         kalman, truth, system = found.own.filter, found.setup.plant.truth, found.setup.system
         space = system.space
-        basis = structural(system, truth, np.random.default_rng(0)).P_perp
+        basis = Nullspace.structural(system, truth, np.random.default_rng(0)).P_perp
         size = np.mean(kalman.theta[space.actuators] / truth[space.actuators])
         off = basis.T @ ((kalman.theta / size - truth) / space.scale)
         squares = size**2 * off @ np.linalg.solve(basis.T @ kalman.Ptt @ basis, off)
@@ -353,7 +353,7 @@ def test_a_seizure_can_be_taken_back() -> None:
     assert restored(system, truth, truth, sound.sign, sound.held) == []
     stuck = next(h for h in hypotheses_of(system, truth) if h.kind == "stuck")
     signals, effort = signals_under(sound, stuck), truth.copy()
-    (k,) = gains_by_command(system)[stuck.command]
+    (k,) = system.gains_by_command[stuck.command]
     effort[k] *= 0.1
     (back,) = restored(system, effort, truth, signals.sign, signals.held)
     assert (back.kind, back.part, penalty(back)) == ("sound", stuck.part, 0.0)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from nsaid_mj.base import InvalidInput
-from nsaid_mj.core import KalmanFilter, Log, MemoryConfig, NullspaceAID, rebuilt
-from nsaid_mj.core.laws.base import Status, gain_deviations
+from nsaid_mj.core import KalmanFilter, Log, MemoryConfig, NullspaceAID
+from nsaid_mj.core.laws.base import Confidence, Status
 from nsaid_mj.core.laws.memory.statistics import Recorder
 from nsaid_mj.core.laws.settings import EfficientConfig
 from nsaid_mj.core.log import EXACT, SensorLevels
@@ -40,7 +40,7 @@ def test_ratios_of_the_gains_are_found_while_it_walks(run):
     assert state.status is Status.completed
     assert ratio_error(prior) > 0.3
     assert ratio_error(state.theta_hat) < 0.01
-    stated = gain_deviations(identifier.confidence(state), state.theta_hat, system.space)
+    stated = Confidence.of_gains(identifier.confidence(state), state.theta_hat, system.space)
     ratios = state.theta_hat[-len(GAINS) :] / GAINS
     assert (np.abs(ratios / ratios.mean() - 1) < 3 * stated).all()
     assert (stated < 0.3).all()
@@ -56,7 +56,7 @@ def levels(system, theta):
 
 def test_its_motion_contradicts_the_truth_only_if_it_is_taken_as_one_in_the_air():
     system, _ = quadruped(0.02)
-    flying = rebuilt(system, replace(system.structure, contacts=()), system.space)
+    flying = system.rebuilt(replace(system.structure, contacts=()), system.space)
     truth = walk()[1]
     assert levels(system, truth).max() < 1e-4
     assert levels(flying, truth).max() > 0.1
@@ -70,7 +70,7 @@ def test_the_memory_expects_what_feet_that_sink_in_do_to_its_rows():
     sinking = 5e-4
 
     def recorded(contacts):
-        other = rebuilt(system, replace(system.structure, contacts=contacts), system.space)
+        other = system.rebuilt(replace(system.structure, contacts=contacts), system.space)
         recorder = Recorder(other, MemoryConfig(), 1e-3, EXACT)
         return recorder, recorder.follow(recorder.begin(log.at(0)), log).means
 
@@ -135,7 +135,7 @@ def test_only_with_contacts_the_filter_expects_what_it_sees():
     v = log.v + levels.velocity * rng.standard_normal(log.v.shape)
     noisy = Log(log.t, q, v, log.u)
     sizes = []
-    for known in (system, rebuilt(system, replace(system.structure, contacts=()), system.space)):
+    for known in (system, system.rebuilt(replace(system.structure, contacts=()), system.space)):
         kalman = KalmanFilter(known, 1e-3, EfficientConfig())
         state = kalman.at(q[0], v[0], truth, 1e-6 * np.eye(system.p))
         found = kalman.innovations(state, noisy)[100:]

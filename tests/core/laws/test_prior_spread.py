@@ -9,7 +9,6 @@ from scipy.linalg import block_diag, solve_triangular
 from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.core.laws.cone.prior import drawn_covariance, drawn_inside
 from nsaid_mj.core.parameters import Array, Block, ParameterSpace
-from nsaid_mj.core.structure.blocks import guessed, link_block
 from tests.support.remembered import scenario_plant
 
 ROBOTS = ["ur5", "panda", "bluerov2", "crazyflie", "f1tenth", "remus100", "astrobee"]
@@ -29,7 +28,9 @@ def random_tree(seed: int) -> tuple[ParameterSpace, Array]:
         (xx, xy, xz), (_, yy, yz), (*_, zz) = mass * (np.trace(second) * np.eye(3) - second)
         theta += [mass, *(mass * centre), xx, xy, yy, xz, yz, zz]
         length = float(np.sqrt((xx + yy + zz) / (2 * mass)))
-        blocks.append(link_block(i, f"body {i}", float(guessed(mass)), float(guessed(length))))
+        blocks.append(
+            Block.of_link(i, f"body {i}", float(Block.guessed(mass)), float(Block.guessed(length)))
+        )
     friction = 10 ** rng.uniform(-3, 1, count)
     names = tuple(f"friction {i}" for i in range(count))
     guesses = friction * 10 ** rng.uniform(-0.5, 0.5, count)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from nsaid_mj.core.laws.efficient.estimator import KalmanFilter
 from nsaid_mj.core.laws.settings import EfficientConfig
-from nsaid_mj.core.log import Log, extended
+from nsaid_mj.core.log import Log
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.setup import Setup
@@ -101,7 +101,7 @@ def test_few_logs_hold_all_samples_in_order(sizes: list[int]) -> None:
     t = np.arange(ends[-1], dtype=float)
     whole, parts = Log(t, *(t[:, None],) * 3), tuple[Log, ...]()
     for start, end in itertools.pairwise(ends):
-        parts = extended(parts, whole.part(start, end))
+        parts = Log.extended(parts, whole.part(start, end))
     for one, other in zip(Log.joined(*parts), whole, strict=True):
         np.testing.assert_array_equal(one, other)
     assert len(parts) <= 1 + np.log2(len(t))

@@ -12,7 +12,6 @@ from scipy.optimize import minimize
 
 from nsaid_mj.core.laws.cone.prior import drawn_inside
 from nsaid_mj.core.parameters import Array, Block, ParameterSpace
-from nsaid_mj.core.quotient import barrier
 from nsaid_mj.core.quotient import cone as geometry
 from tests.support.bench import Bench, Motion, bench, swing
 
@@ -33,7 +32,7 @@ SPACE = ParameterSpace(
         kind("offset", 3, "free"),
     )
 )
-CONE = geometry.cone_of(SPACE)
+CONE = geometry.Cone.of(SPACE)
 LINK = np.array([2.0, 0.1, -0.2, 0.3, 1.0, 0.1, 1.2, -0.1, 0.05, 0.9])
 MIDDLE = np.concatenate(
     [[1.0, 2.0], LINK, [2.0, 0.3, -0.1, 1.5, 0.2, 1.0], [0.5, 1.5], [0.4, -0.3, 0.0]]
@@ -53,15 +52,15 @@ class Memory(NamedTuple):
 
     def psi(self, theta: Array) -> float:
         quadratic = 0.5 * float(theta @ self.stiffness @ theta)
-        return quadratic + self.mu * barrier.barrier(CONE, theta)
+        return quadratic + self.mu * CONE.barrier(theta)
 
     def slope(self, theta: Array) -> Array:
         """∇ψ."""
-        return self.stiffness @ theta + self.mu * barrier.gradient_and_hessian(CONE, theta)[0]
+        return self.stiffness @ theta + self.mu * CONE.derivatives(theta)[0]
 
     def metric(self, theta: Array) -> Array:
         """∇²ψ."""
-        return self.stiffness + self.mu * barrier.gradient_and_hessian(CONE, theta)[1]
+        return self.stiffness + self.mu * CONE.derivatives(theta)[1]
 
     def bregman(self, theta: Array, other: Array) -> float:
         """D_ψ(θ‖other)."""
@@ -112,7 +111,7 @@ class Memory(NamedTuple):
         theta, reach = theta_hat, reach / (1 + more)
 
         def cost(theta: Array) -> float:
-            inside = geometry.inside(CONE, theta)
+            inside = CONE.contains(theta)
             if not inside:
                 return np.inf
             return reach * self.R(theta) + self.psi(theta) - float(slope @ theta)
@@ -310,7 +309,7 @@ def test_the_flow_with_memory_meets_its_rate():
     table, motion = swing()
     system, truth, K, kappa, mu = table.system, table.truth, 20.0, 0.3, 0.2
     n, p, scale = system.n, system.p, system.space.scale
-    cone = geometry.cone_of(system.space)
+    cone = geometry.Cone.of(system.space)
     motors = system.space.actuators
     assert [system.space.names[k] for k in motors] == ["gain_1", "gain_2"]
     _, x, v, u = table.states(12)
@@ -333,7 +332,7 @@ def test_the_flow_with_memory_meets_its_rate():
         a_hat = system.acceleration(t, x, v_hat, motion.u, theta)
         W = system.regressor(t, x, v_hat, a_hat, motion.u)
         gradient, fall = quotient(theta)
-        metric = stiffness + mu * barrier.gradient_and_hessian(cone, theta)[1]
+        metric = stiffness + mu * cone.derivatives(theta)[1]
         theta_rate = np.linalg.solve(metric, W.T @ dv - kappa * gradient)
         lost = K * float(dv @ system.mass_matrix(x, truth) @ dv)
         losses = np.array([lost, kappa * fall])
@@ -352,9 +351,9 @@ def test_the_flow_with_memory_meets_its_rate():
     def V(t: float, y: Array) -> float:
         x, theta = motion.x(t), y[n : n + p]
         dv = y[:n] - system.split(x)[1]
-        slope = stiffness @ theta + mu * barrier.gradient_and_hessian(cone, theta)[0]
+        slope = stiffness @ theta + mu * cone.derivatives(theta)[0]
         bregman = 0.5 * (truth @ stiffness @ truth - theta @ stiffness @ theta) + mu * (
-            barrier.barrier(cone, truth) - barrier.barrier(cone, theta)
+            cone.barrier(truth) - cone.barrier(theta)
         )
         kinetic = 0.5 * dv @ system.mass_matrix(x, truth) @ dv
         return float(kinetic + bregman - slope @ (truth - theta))
@@ -364,7 +363,7 @@ def test_the_flow_with_memory_meets_its_rate():
     assert np.abs(values + lost - values[0]).max() < 1e-6 * lost[-1]
     assert (y[-1, -2:] > 0.05 * lost[-1]).all()  # both terms take their part
     theta = y[:, n : n + p]
-    conserved = [0.5 * th @ stiffness @ th - mu * barrier.barrier(cone, th) for th in theta]
+    conserved = [0.5 * th @ stiffness @ th - mu * cone.barrier(th) for th in theta]
     assert np.ptp(conserved) < 1e-7 * abs(conserved[0])
 
 
@@ -379,7 +378,7 @@ def test_an_implicit_step_lowers_v_at_any_size(seed, reach):
     after = m.implicit(m.start, reach)
     cost = m.bregman(after, m.start)
     fall = m.bregman(m.truth, m.start) - m.bregman(m.truth, after)
-    assert geometry.inside(CONE, after)
+    assert CONE.contains(after)
     assert 0 < cost < fall
     assert fall == pytest.approx(cost + reach * m.fall(after), rel=1e-6)
     assert m.Q(m.start) - m.Q(after) == pytest.approx(cost, rel=1e-6)

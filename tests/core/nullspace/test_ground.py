@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.core.nullspace.ground import ground_stack, random_states
-from nsaid_mj.core.nullspace.subspace import directions, split, structural
+from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.core.structure.contacts import contact_accelerations, contact_jacobians
 from tests.support.walkers import SOLE, biped, pushing_arm, quadruped
 
@@ -26,7 +26,7 @@ def on_ground(robot, touching="always", standing=False):
         mask = rng.random(mask.shape) < 0.5
     elif touching == "never":
         mask[:] = False
-    return split(ground_stack(system, theta, rng, mask, standing))
+    return Nullspace.of(ground_stack(system, theta, rng, mask, standing))
 
 
 def scales(nullspace, space):
@@ -43,7 +43,7 @@ def ranks(robot, *arguments):
 
 def test_on_a_stand_each_leg_has_a_scale_and_on_the_ground_there_is_one():
     held, theta = quadruped(base="held")
-    stand = structural(held, theta, np.random.default_rng(0))
+    stand = Nullspace.structural(held, theta, np.random.default_rng(0))
     assert (held.p - stand.r, scales(stand, held.space)) == (104, 4)
     assert ranks(quadruped, "always", True) == (137, 1)
     assert ranks(quadruped, "at times", True) == (141, 1)
@@ -60,7 +60,7 @@ def test_a_round_foot_that_rolls_hides_nothing():
 
 def test_flat_feet_that_stand_keep_more_hidden_than_feet_that_walk():
     held, theta = biped("held")
-    stand = structural(held, theta, np.random.default_rng(0))
+    stand = Nullspace.structural(held, theta, np.random.default_rng(0))
     assert (held.p - stand.r, scales(stand, held.space)) == (114, 2)
     assert ranks(biped, "always", True) == (109, 1)
     assert ranks(biped, "at times", True) == (141, 1)
@@ -69,13 +69,13 @@ def test_flat_feet_that_stand_keep_more_hidden_than_feet_that_walk():
 
 def test_an_arm_that_pushes_a_wall_loses_the_mass_at_its_tip_alone():
     free, theta = pushing_arm(held=False)
-    assert free.p - structural(free, theta, np.random.default_rng(0)).r == 57
+    assert free.p - Nullspace.structural(free, theta, np.random.default_rng(0)).r == 57
     assert ranks(pushing_arm) == (56, 1)
 
 
 def test_the_law_s_system_has_this_nullspace():
     system, theta = quadruped()
-    found = structural(system, theta, np.random.default_rng(1))
+    found = Nullspace.structural(system, theta, np.random.default_rng(1))
     np.testing.assert_allclose(found.ratio(theta / system.space.scale), 0.0, atol=1e-10)
     assert system.p - found.r == 137
 
@@ -111,12 +111,12 @@ def test_a_flat_foot_hides_its_whole_link(foot):
 
 def test_words_name_a_scale_for_each_leg_on_a_stand_and_one_on_the_ground():
     held, theta = quadruped(base="held")
-    found = directions(structural(held, theta, np.random.default_rng(0)), held.space)
+    found = Nullspace.structural(held, theta, np.random.default_rng(0)).directions(held.space)
     words = [each.words for each in found if each.words.startswith("common scale")]
     legs = [f"of {leg}_HAA, {leg}_HFE and {leg}_KFE: " for leg in LEGS]
     assert len(words) == 4 and all(map(str.__contains__, words, legs))
     system, theta = quadruped()
-    found = directions(structural(system, theta, np.random.default_rng(0)), system.space)
+    found = Nullspace.structural(system, theta, np.random.default_rng(0)).directions(system.space)
     words = [each.words for each in found if each.words.startswith("common scale")]
     assert len(words) == 1 and words[0].startswith("common scale of everything: ")
 
@@ -156,7 +156,7 @@ def test_the_base_compares_its_legs():
         owner = label.partition(" of ")[2]
         leg = next((k for k, leg in enumerate(LEGS) if owner.startswith(leg)), -1)
         parts[leg + 1, i] = theta[i]
-    found = split(rows @ parts.T)
+    found = Nullspace.of(rows @ parts.T)
     assert found.r == 1
     np.testing.assert_allclose(found.P[:, 0] / found.P[0, 0], 1.0, atol=1e-9)
     assert found.gap[0] > 1e-3

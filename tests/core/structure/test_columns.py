@@ -8,10 +8,11 @@ import pytest
 from nsaid_mj.base.errors import InvalidInput, UnknownName
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.core.structure.columns import KINDS
-from nsaid_mj.core.structure.columns.curve import interpolated, odd, polynomial
+from nsaid_mj.core.structure.columns.curve import interpolated, polynomial
 from nsaid_mj.core.structure.forces import BODY_KINDS
 from nsaid_mj.core.structure.parts import Body, Column, Inertia
 from nsaid_mj.core.structure.structure import Structure
+from nsaid_mj.lab.plants.conversion import odd
 from tests.support.evaluation import Evaluation
 from tests.support.matrices import assert_near
 from tests.support.trees import random_bodies, random_column, random_motion

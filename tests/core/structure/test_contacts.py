@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from nsaid_mj.base import InvalidInput, pin
-from nsaid_mj.core import ContactPoint, Elimination, Log, contact_jacobians, rebuilt
+from nsaid_mj.core import ContactPoint, Elimination, JointTree, Log
 from nsaid_mj.core.nullspace.ground import random_states
 from nsaid_mj.core.structure.contacts import balanced_rows, contact_accelerations
-from nsaid_mj.robots import links_of, load_robot
+from nsaid_mj.robots import load_robot
 
 RADIUS = 0.02
 
@@ -25,11 +25,11 @@ def walker():
         ContactPoint(foot.parentJoint - 1, foot.placement.translation, RADIUS, name=foot.name)
         for foot in feet
     ]
-    return model, contacts, links_of(model)
+    return model, contacts, JointTree.links(model)
 
 
 def on_the_ground(system, contacts):
-    return rebuilt(system, replace(system.structure, contacts=tuple(contacts)), system.space)
+    return system.rebuilt(replace(system.structure, contacts=tuple(contacts)), system.space)
 
 
 def physical(system):
@@ -51,7 +51,7 @@ def test_jacobians_are_pinocchios_at_the_lowest_point_of_a_round_foot(walker):
     model, contacts, system = walker
     data = model.createData()
     q = states(system)
-    J, _ = contact_jacobians(system.structure, contacts, q)
+    J, _ = system.contact_jacobians(contacts, q)
     for k, row in enumerate(q):
         pin.computeJointJacobians(model, data, row)
         pin.updateFramePlacements(model, data)
@@ -67,7 +67,7 @@ def test_a_flat_foot_adds_the_rows_of_its_rotation(walker):
     model, contacts, system = walker
     flat = [ContactPoint(contacts[0].body, contacts[0].centre, flat=True)]
     q = states(system, 1)
-    J, _ = contact_jacobians(system.structure, flat, q)
+    J, _ = system.contact_jacobians(flat, q)
     data = model.createData()
     pin.computeJointJacobians(model, data, q[0])
     pin.updateFramePlacements(model, data)
@@ -85,7 +85,7 @@ def test_no_contact_force_is_left_and_the_estimate_is_that_force(walker):
     q = states(system)
     touching = rng.random((len(q), len(contacts))) < 0.5
     found = Elimination(system.structure, contacts, q, touching)
-    J, _ = contact_jacobians(system.structure, contacts, q)
+    J, _ = system.contact_jacobians(contacts, q)
     force = rng.standard_normal((len(q), 12, 1)) * np.repeat(touching, 3, axis=1)[:, :, None]
     effect = np.swapaxes(J, 1, 2) @ force
     np.testing.assert_allclose(found.E @ effect, 0.0, atol=1e-8)
@@ -131,10 +131,10 @@ def test_a_contacts_acceleration_is_the_rate_of_its_velocity(walker):
 
     def velocity(sign):  # in the world's axes
         there = system.integrate(q[0], sign * step * v)
-        J, _ = contact_jacobians(system.structure, point, there[None])
+        J, _ = system.contact_jacobians(point, there[None])
         return pin.XYZQUATToSE3(there[:7]).rotation @ (J[0] @ (v + sign * step * a))
 
-    J, _ = contact_jacobians(system.structure, point, q)
+    J, _ = system.contact_jacobians(point, q)
     drift = contact_accelerations(system.structure, point, q, v[None])
     world = pin.XYZQUATToSE3(q[0, :7]).rotation @ (J[0] @ a + drift[0])
     np.testing.assert_allclose(world, (velocity(1) - velocity(-1)) / (2 * step), atol=1e-7)

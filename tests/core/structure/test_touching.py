@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from nsaid_mj.core import contact_jacobians
+from nsaid_mj.core.structure.contacts import contact_jacobians
 from nsaid_mj.core.structure.touching import Touch
 from nsaid_mj.core.structure.transition import step
 from tests.support.walkers import quadruped

@@ -24,7 +24,7 @@ from nsaid_mj import (
 )
 from nsaid_mj.base.files import RECORDING
 from nsaid_mj.core.log import Log
-from nsaid_mj.core.nullspace.subspace import structural
+from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.evaluation.figures import averaged_rows, converged_at, residual_ratio
 from nsaid_mj.lab.evaluation.summary import summary_of
@@ -124,7 +124,7 @@ def test_no_summary_value_is_a_placeholder(done):
 def test_without_a_truth_the_nullspace_is_that_of_the_estimate(done):
     bare, seeds = summarize(unknown(done), None), done.setup.seeds
     theta = done.record["theta_hat"][-1]
-    wanted = structural(done.system, theta, np.random.default_rng(seeds.structure))
+    wanted = Nullspace.structural(done.system, theta, np.random.default_rng(seeds.structure))
     assert (bare["r"], bare["rank_gap"]) == (wanted.r, [float(s) for s in wanted.gap])
 
 
@@ -176,7 +176,7 @@ def test_a_run_without_a_truth_is_recorded_and_reported(done, tmp_path):
     page = (tmp_path / REPORT_FILE).read_text(encoding="utf-8")
     assert "nan" not in page and "distance to the true set" not in page
     seen = entities_of(tmp_path / RECORDING)
-    wanted = {"/velocity", "/velocity/predicted", "/force/motion", "/force/actuators"}
+    wanted = {"/velocity/measured", "/velocity/predicted", "/force/motion", "/force/actuators"}
     if len(bare.system.space.actuators) > 1:
         wanted.add("/gains_over_prior")
     assert wanted <= seen.keys()

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.core.laws.cone.prior import drawn_inside
 from nsaid_mj.core.parameters import Array, ParameterSpace
-from nsaid_mj.core.quotient.cone import cone_of, inside
+from nsaid_mj.core.quotient.cone import Cone
 from nsaid_mj.lab import loop as experiment
 from nsaid_mj.lab.contacts import without_contacts
 from nsaid_mj.lab.library import load
@@ -122,7 +122,7 @@ def test_the_prior_is_published_and_the_truth_differs_in_every_parameter(name):
     assert (setup.plant.truth != other.plant.truth).all()
     space, truth = setup.system.space, setup.plant.truth
     assert (np.abs(truth - setup.prior) > 1e-6 * space.scale).all()
-    assert inside(cone_of(space), truth)
+    assert Cone.of(space).contains(truth)
     for block, place in space:
         if block.geometry == "positive":
             guess = np.maximum(setup.prior[place], 0.01 * block.scale)
@@ -171,10 +171,10 @@ def test_a_published_theta_on_the_boundary_of_the_cone_is_moved_inside_where_a_l
     paper = nominal(name)
     cone = replace(paper, identifier=replace(paper.identifier, law="cone"))
     prior, moved = Setup.of(paper).prior, Setup.of(cone).prior
-    of_space = cone_of(Setup.of(cone).system.space)
+    of_space = Cone.of(Setup.of(cone).system.space)
     scale = Setup.of(cone).system.space.scale
-    assert inside(of_space, moved)
-    if inside(of_space, prior):
+    assert of_space.contains(moved)
+    if of_space.contains(prior):
         assert (np.abs(moved - prior) <= 1e-9 * np.maximum(np.abs(prior), scale)).all()
     else:
         assert (prior[moved != prior] <= 0.02 * scale[moved != prior]).any()

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from nsaid_mj.base.errors import InvalidInput, UnknownName
-from nsaid_mj.core.nullspace.subspace import directions, structural
+from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.lab.control.quadrotor import QuadrotorFlight
 from nsaid_mj.lab.plants.vehicles import BlueROV2Plant, QuadrotorPlant
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
@@ -236,9 +236,9 @@ def test_hidden_numbers_differ_by_seed_and_do_not_enter_the_scale(model):
 @models
 def test_only_the_common_scale_is_unobservable(model):
     p = plant(model)
-    nullspace = structural(p.system, p.truth, np.random.default_rng(0))
+    nullspace = Nullspace.structural(p.system, p.truth, np.random.default_rng(0))
     assert p.system.p == 24 and nullspace.r == 1
-    (direction,) = directions(nullspace, p.system.space)
+    (direction,) = nullspace.directions(p.system.space)
     assert direction.words.startswith("common scale of everything")
     assert nullspace.gap[0] > 1e-4 and nullspace.gap[1] < 1e-12
 

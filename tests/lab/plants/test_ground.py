@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.core.laws.base import Status
 from nsaid_mj.core.laws.config import NullspaceAID
-from nsaid_mj.core.nullspace.subspace import structural
+from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.lab.control.driver import Driver
 from nsaid_mj.lab.control.driving import Driving
@@ -206,7 +206,7 @@ def test_hidden_numbers_differ_by_seed_and_do_not_enter_the_scale(name):
 @pytest.mark.parametrize("name", [*CARS, "rover"])
 def test_only_the_common_scale_is_unobservable(name):
     p = car(name)
-    nullspace = structural(p.system, p.truth, np.random.default_rng(0))
+    nullspace = Nullspace.structural(p.system, p.truth, np.random.default_rng(0))
     assert nullspace.r == 1
     counts, does_not = nullspace.gap
     assert counts > 3e-3 and does_not < 1e-12

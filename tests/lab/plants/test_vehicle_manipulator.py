@@ -13,7 +13,7 @@ from nsaid_mj.core.laws.base import Status
 from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.core.laws.nullspace_aid import paper_identifier
 from nsaid_mj.core.log import Log
-from nsaid_mj.core.nullspace.subspace import structural
+from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.core.numerics.spatial import unrotate
 from nsaid_mj.core.structure.joints import JointScales
 from nsaid_mj.core.structure.multibody import CompiledMultibody
@@ -152,7 +152,7 @@ def test_full_command_gives_the_full_gain():
 @pytest.mark.parametrize("name,r", [("uvms", 13), ("borinot", 7), ("iris", 1)])
 def test_the_nullspace_has_the_expected_dimension(name, r):
     """A common scale, and what a joint's fixed axis hides of the links before and behind it."""
-    found = structural(plant(name).system, plant(name).truth, np.random.default_rng(0))
+    found = Nullspace.structural(plant(name).system, plant(name).truth, np.random.default_rng(0))
     assert found.r == r
     assert found.gap[0] > 1e-5 and found.gap[1] < 1e-13
     scaled = plant(name).truth / plant(name).system.space.scale

@@ -10,7 +10,7 @@ import pytest
 
 from nsaid_mj import ArmPlant, Walk, WalkingPlant
 from nsaid_mj.base import InvalidInput
-from nsaid_mj.core import directions, structural
+from nsaid_mj.core import Nullspace
 from nsaid_mj.lab.contacts import contact_forces, rows_along
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
@@ -94,8 +94,8 @@ def test_implied_forces_are_those_of_the_simulation(setup, walked):
 def scales(name):
     """The common scales among the unobservable directions of a scenario."""
     setup = Setup.of(load(name))
-    found = structural(setup.system, setup.plant.truth, np.random.default_rng(0))
-    words = [direction.words for direction in directions(found, setup.system.space)]
+    found = Nullspace.structural(setup.system, setup.plant.truth, np.random.default_rng(0))
+    words = [direction.words for direction in found.directions(setup.system.space)]
     return [each for each in words if each.startswith("common scale")]
 
 

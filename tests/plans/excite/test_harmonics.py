@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nsaid_mj.core.nullspace.persistence import level
-from nsaid_mj.core.nullspace.subspace import split
+from nsaid_mj.core.nullspace.persistence import PersistenceMonitor
+from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.lab.control.tracking import FourierTracking
 from nsaid_mj.lab.library import load
 from nsaid_mj.plans.excite.experiment import Experiment
@@ -28,15 +28,15 @@ def test_e1_a_periodic_motion_of_full_rank_has_a_level_that_grows_with_the_windo
     B = np.stack([np.sin(2 * np.pi * t), np.cos(2 * np.pi * t), np.ones_like(t)], axis=1)
     G = np.einsum("ti,tj->ij", B, B) * 1e-3
     expected = np.sqrt(np.linalg.eigvalsh(G)[0])
-    assert level(B[:, None, :], 1e-3) == pytest.approx(expected)
+    assert PersistenceMonitor.level_of(B[:, None, :], 1e-3) == pytest.approx(expected)
     twice = np.tile(B[:, None, :], (2, 1, 1))
-    assert level(twice, 1e-3) >= np.sqrt(2) * expected * (1 - 1e-9)
+    assert PersistenceMonitor.level_of(twice, 1e-3) >= np.sqrt(2) * expected * (1 - 1e-9)
 
 
 def test_e1_no_window_excites_a_direction_that_one_period_does_not():
     t = np.arange(0, 3, 1e-3)
     B = np.stack([np.sin(2 * np.pi * t), 2 * np.sin(2 * np.pi * t)], axis=1)
-    assert level(B[:, None, :], 1e-3) < 1e-12
+    assert PersistenceMonitor.level_of(B[:, None, :], 1e-3) < 1e-12
 
 
 @pytest.mark.parametrize("lines", [1, 2, 3])
@@ -46,7 +46,7 @@ def test_e2_lines_bound_the_rank(lines):
     for k in range(1, lines + 1):
         waves += [np.sin(2 * np.pi * k * t), np.cos(2 * np.pi * k * t)]
     rows = np.array(waves).T @ rng.standard_normal((2 * lines + 1, 12))
-    assert 12 - split(rows).r == 2 * lines + 1
+    assert 12 - Nullspace.of(rows).r == 2 * lines + 1
 
 
 def test_e2_a_product_of_signals_has_as_many_lines_as_its_degree_allows():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nsaid_mj.core.structure.payload import point_mass
+from nsaid_mj.core.structure.payload import PointMasses
 from nsaid_mj.lab.library import load
 from nsaid_mj.plans.excite.designing import Design, design
 from nsaid_mj.plans.excite.experiment import Experiment
@@ -28,7 +28,7 @@ def test_without_a_payload_the_whole_space_tells_what_P_perp_does(found):
 def test_only_a_known_payload_tells_of_the_common_scale(found):
     experiment = found.experiment
     space, whole = experiment.system.space, np.eye(experiment.system.p)
-    added = point_mass(space, 0.3, np.array([0.1, 0.0, 0.0]))
+    added = PointMasses(space).change(0.3, np.array([0.1, 0.0, 0.0]))
     loaded = replace(experiment, prior=experiment.prior + added, draws=experiment.draws + added)
     log = loaded.simulate(found.driver, 0, 4.0)
     assert log is not None

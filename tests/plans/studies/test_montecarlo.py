@@ -25,6 +25,7 @@ from nsaid_mj.core.laws.base import Estimates, State, Status
 from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.core.laws.settings import MemoryConfig
 from nsaid_mj.core.log import Log
+from nsaid_mj.core.numerics.lanes import WIDTH
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.lab import following
 from nsaid_mj.lab import loop as experiment
@@ -218,8 +219,8 @@ def equal(one: tuple[State, Estimates], other: tuple[State, Estimates]) -> bool:
 
 def followed(laws: list[NullspaceIdentifier], log: Log) -> list[tuple[State, Estimates]]:
     """What the identifiers make of a log whose motion they share."""
-    motion = laws[0].motion(log)
-    return [law.along(law.init(log.at(0)), log, motion) for law in laws]
+    states = [law.init(log.at(0)) for law in laws]
+    return list(NullspaceIdentifier.along_together(laws, states, log, laws[0].motion(log)))
 
 
 def alone(law: NullspaceIdentifier, log: Log) -> tuple[State, Estimates]:
@@ -231,15 +232,27 @@ def arm() -> DrawnMotion:
     return course_of(ARM)
 
 
-@pytest.mark.parametrize("robot", ["double_pendulum", "z1", "ur5"])
-def test_identifiers_that_share_a_motion_get_the_bits_of_single_runs(robot):
+@pytest.mark.parametrize(
+    ("robot", "count"), [("double_pendulum", WIDTH + 1), ("z1", FULL), ("ur5", FULL)]
+)
+def test_identifiers_that_share_a_motion_get_the_bits_of_single_runs(robot, count):
     plant = ArmPlant(robot, armature=0.1, damping=0.5, friction=0.5)
     course = course_of(replace(ARM, plant=plant, duration=0.6))
-    laws = laws_of(course, FULL)
+    laws = laws_of(course, count)
     made = followed(laws, course.log)
     for law, one in zip(laws, made, strict=True):
         assert equal(one, alone(law, course.log))
-    assert len({one[0].theta_hat.tobytes() for one in made}) == FULL
+    assert len({one[0].theta_hat.tobytes() for one in made}) == count
+
+
+@pytest.mark.parametrize("gains", ["full", "of two shapes"])
+def test_identifiers_with_full_gains_get_the_bits_of_single_runs(gains, arm):
+    laws = laws_of(arm, WIDTH)
+    for k, law in enumerate(laws):
+        if gains == "full" or k == 3:
+            laws[k] = with_gains(law, np.diag(law.K), np.diag(law.metric.Gamma))
+    for law, one in zip(laws, followed(laws, arm.log), strict=True):
+        assert equal(one, alone(law, arm.log))
 
 
 @pytest.mark.parametrize("hot", [[0], [3], [1, 6]])

@@ -30,7 +30,7 @@ from nsaid_mj.plans.studies.study import seed_of
 from nsaid_mj.plans.studies.sweep import run_sweep, scenario_of
 from nsaid_mj.plans.studies.sweep import sweep_plan as plan_of
 from nsaid_mj.plans.studies.sweep_report import write_sweep_page
-from nsaid_mj.report.exit_codes import NOT_EXPLAINED, UNUSABLE
+from nsaid_mj.report import ExitCode
 from tests.report.pages.markup import Page, unscripted
 from tests.support.faulty import ROV, shell, start, strict
 from tests.support.studies import COSTS
@@ -396,7 +396,7 @@ def test_bad_input_is_one_line_and_writes_nothing(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     code, heard = shell(*words)
-    assert code == UNUSABLE
+    assert code == ExitCode.UNUSABLE
     assert said in heard.err
     assert heard.err.count("\n") == 1
     assert not list(tmp_path.iterdir())
@@ -433,7 +433,7 @@ def test_a_failed_run_is_listed_with_its_command_and_exits_with_1(
         "--out",
         tmp_path / "out",
     )
-    assert code == NOT_EXPLAINED
+    assert code == ExitCode.NOT_EXPLAINED
     assert "1 of 2 runs have a result" in said.out
     assert "exit code 3" in said.out
     assert f"nsaid run {fates} --excitation.fate=dies --seed={seed_of(0, 0)}" in said.out
@@ -475,7 +475,7 @@ def test_flags_of_single_runs_are_refused_for_sweeps(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     code, said = shell(command, "scalar_rov", "--live")
-    assert code == UNUSABLE and "--live" in said.err
+    assert code == ExitCode.UNUSABLE and "--live" in said.err
     assert not list(tmp_path.iterdir())
 
 

@@ -18,7 +18,7 @@ from nsaid_mj.clinic.identify import wording
 from nsaid_mj.clinic.identify.page import identification_page
 from nsaid_mj.clinic.identify.result import Identification
 from nsaid_mj.report.drawings import extremes
-from nsaid_mj.report.page import render_html, write_html
+from nsaid_mj.report.page import render_html
 from nsaid_mj.report.result import EXPLAINS, Explains
 from nsaid_mj.report.terminal import print_page
 from nsaid_mj.report.wording import estimate
@@ -149,7 +149,7 @@ def broken() -> Identification:
     ids=["one joint", "7 joints", "vehicle", "not explained", "nan", "no parameters"],
 )
 def test_unusual_identifications_are_reported(result: Identification, tmp_path: Path) -> None:
-    text = write_html(identification_page(result), tmp_path).read_text(encoding="utf-8")
+    text = identification_page(result).write_html(tmp_path).read_text(encoding="utf-8")
     Page.of(text)
     assert {p.label for p in result.parameters} <= cells(text)
     assert "nan" not in re.sub(r"<svg.*?</svg>", "", text, flags=re.DOTALL).lower()

@@ -18,9 +18,10 @@ from matplotlib.figure import Figure
 
 from nsaid_mj.report import plots
 from nsaid_mj.report.drawings import draw
-from nsaid_mj.report.page import VARIABLES
+from nsaid_mj.report.page import VARIABLES, Page, render_html
 from nsaid_mj.report.panels import COLOURS, POINTS, Comparison, Forest, Panel, Points, thin
-from nsaid_mj.report.plots import number, over_time
+from nsaid_mj.report.plots import number, over_time, page_figure
+from nsaid_mj.report.result import Result
 from tests.report.pages.drawing import points_of, words_of
 from tests.report.pages.markup import data_of
 
@@ -157,6 +158,21 @@ def test_text_in_drawings_is_escaped():
 def test_a_drawing_refers_to_nothing_outside():
     text = over_time(panel([0, 1, 2]))
     assert not re.findall(r"https?:|xmlns|@import|<style|<!--|creator|matplotlib", text)
+
+
+def test_a_legend_shows_dots_for_dots_and_a_line_for_a_line() -> None:
+    def drawing(axis):
+        axis.errorbar([1], [2], [[0.1], [0.1]], marker="h", color="#0b6e99", label="one point")
+        axis.plot([1, 2], [2, 3], "--", marker="x", color="#0b6e99", label="line with crosses")
+        axis.plot([1, 2], [2, 3], ":", color="#0b6e99", label="line")
+
+    drawn = page_figure("title", drawing)
+    signs = {name: dash for name, _, dash in drawn.legend}
+    assert signs["line"] == ":"
+    assert signs["line with crosses"].startswith("M0 4H24M")  # a line, and crosses on it
+    assert "H24" not in signs["one point"] and signs["one point"].count("L") == 5  # a hexagon
+    page = render_html(Page("r", Result(), carrying=[drawn]))
+    assert all(sign in page for sign in signs.values() if sign.startswith("M"))
 
 
 def test_lines_beyond_the_palette_differ_by_dashes_and_are_in_the_legend():

@@ -29,7 +29,7 @@ from nsaid_mj.core.laws.faults import FaultEvent
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.structure.columns.curve import LINEAR, polynomial
 from nsaid_mj.core.structure.joints import JointTree
-from nsaid_mj.core.structure.parts import Body, Column, Inertia, tied
+from nsaid_mj.core.structure.parts import Body, Column, Inertia
 from nsaid_mj.core.structure.structure import Structure
 from nsaid_mj.core.structure.system import SecondOrderSystem
 from nsaid_mj.lab.evaluation.truth import truth_of
@@ -37,11 +37,13 @@ from nsaid_mj.lab.evaluation.truth import truth_of as metrics_truth_of
 from nsaid_mj.lab.loop import FAULTS, SimulatedRun, run
 from nsaid_mj.lab.recording import forces, inertia, torques, viewer
 from nsaid_mj.lab.recording.run import write_run_recording
-from nsaid_mj.report.labels import groups, velocity_names
-from nsaid_mj.report.panels import spread
+from nsaid_mj.report.labels import groups
+from nsaid_mj.report.page import Link, Page, Section, Table
+from nsaid_mj.report.panels import Comparison, Panel, spread
 from nsaid_mj.report.recording import layout, lines, plots, scene
 from nsaid_mj.report.recording.stream import write_recording as write_content
 from nsaid_mj.report.recording.text import drawable
+from nsaid_mj.report.result import Result
 from tests.support.faulty import WITH_RIVAL as ROV
 from tests.support.faulty import heard
 from tests.support.fossen import published
@@ -216,6 +218,57 @@ def test_legends_stand_beside_the_curves() -> None:
     assert until[0] > until[1] > 10.5
     width = 0.5 * 1600 - 60
     assert (1 - 10 / until[0]) * width > 7 * len(long.names[0])  # space for the longest name
+
+
+def test_plots_of_a_page_have_one_time_axis_and_comparisons_one_key() -> None:
+    t = np.linspace(0.0, 10.0, 50)
+    panel = Comparison("j", "u", "N", t, np.sin(t), np.cos(t), used=t < 8, key=("command", "j"))
+    many = lines.Lines("many", ["a long name of a joint", "another"], t, np.ones((50, 2)), [0, 1])
+    drawn = [*lines.lines_of([panel]), many]
+    made = plots.Plots(drawn, 10.0)
+    views = [made("many", "many"), made("command/j", "j")]
+    page = made.grid(views, 1)
+    ranges = [view.properties["TimeAxis"].view_range.as_arrow_array() for view in views]
+    assert ranges[0] == ranges[1] and ranges[0].to_pylist()[0]["end"] > 11e9
+    assert [one.origin for one in page.contents[:1]] == [f"/{plots.KEY}"]
+    said = "measured: orange, wide; left out of the fit: red, wide; predicted: blue"
+    assert lines.key(drawn) == said
+    assert lines.key([many]) == ""
+
+
+def test_a_line_that_is_drawn_over_another_is_thinner() -> None:
+    """Rerun draws entities in the order of their names."""
+    t = np.linspace(0.0, 1.0, 9)
+    both = Panel("forces", "force [N]", key=("force",))
+    both.add_columns(t, np.ones((9, 1)), ["x"], ("motion",))
+    both.add_columns(t, np.ones((9, 1)), ["x"], ("actuators",), pale=True)
+    one = Panel("speed", "speed [m/s]", key=("speed",))
+    one.add_columns(t, np.ones((9, 1)), ["x"], ("a",))
+    one.add_columns(t, np.ones((9, 1)), ["x"], ("b",))
+    compared = Comparison("j", "u", "N", t, t, t, key=("command", "j"), target=t)
+    found = lines.lines_of([both, one, compared])
+    width = {line.path: line.width for line in found}
+    assert width["force/actuators"] > width["force/motion"]
+    assert width["speed/a"] == width["speed/b"]
+    assert width["command/j/measured"] > width["command/j/predicted"]
+    assert sorted(path for path in width if path.startswith("command"))[1:] == [
+        "command/j/measured",
+        "command/j/predicted",
+    ]
+
+
+def test_a_table_of_the_first_page_is_as_wide_as_its_view() -> None:
+    heads = ["joint", "gain", "spare", "last column"]
+    line = ("shoulder", ("1.0", Link("with a mass and many other parameters", "c")), "x" * 60, "y")
+    shown = [
+        Page("r", Result(), sections=[Section("", [table], brief=True)]).markdown()
+        for table in (
+            Table(heads, [line], spare=[2]),
+            Table(heads, [("a" * 40, *line[1:])], spare=[2]),
+        )
+    ]
+    assert "many other" not in shown[0] and "x" * 60 in shown[0]  # 88 letters have room
+    assert "x" * 60 not in shown[1] and "last column" in shown[1]
 
 
 def test_a_row_is_high_enough_for_its_longest_legend_and_a_curve_of_zeros_is_none() -> None:
@@ -475,7 +528,7 @@ class Sled(SecondOrderSystem):
             Column("thruster", 4, body=0, input=2, point=0 * x, direction=y, curve=weak),
             Column("thruster", 5, body=0, input=2, point=0 * x, direction=-x, curve=weak),
         ]
-        mass = Inertia(0, 0, tied([(0, 0, 0, 1.0), (1, 1, 0, 1.0), (5, 5, 0, 1.0)]))
+        mass = Inertia.tied([(0, 0, 0, 1.0), (1, 1, 0, 1.0), (5, 5, 0, 1.0)])
         structure = Structure([Body("planar")], [mass], columns, 6, 3)
         super().__init__(structure, ParameterSpace(blocks), mounts)
 
@@ -514,9 +567,9 @@ def test_planar_forces_lie_in_the_plane_and_small_ones_are_magnified(tmp_path: P
 
 
 def test_a_bodys_velocities_have_their_names(vehicle: SimulatedRun, arm: SimulatedRun) -> None:
-    assert velocity_names(vehicle.system)[:4:3] == ["Δsurge [m/s]", "Δroll rate [rad/s]"]
-    assert velocity_names(vehicle.system, "")[5] == "yaw rate [rad/s]"
-    assert velocity_names(arm.system)[0] == "Δshoulder_pan_joint [rad/s]"
+    assert vehicle.system.velocity_names[:4:3] == ["surge [m/s]", "roll rate [rad/s]"]
+    assert vehicle.system.velocity_names[5] == "yaw rate [rad/s]"
+    assert arm.system.velocity_names[0] == "shoulder_pan_joint [rad/s]"
 
 
 def test_a_large_block_has_a_page_of_its_own(vehicle: SimulatedRun, arm: SimulatedRun) -> None:

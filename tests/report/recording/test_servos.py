@@ -61,7 +61,7 @@ def test_curves_are_those_of_the_logs_and_their_replay(recorded):
 
 def test_windows_left_out_are_curves_of_their_own(recorded):
     file, replayed = recorded
-    shown = values(entities_of(file), "/position/elbow/unused")
+    shown = values(entities_of(file), "/position/elbow/measured_unused")
     position = np.concatenate([log.position[:, 1] for log in replayed.logs])
     np.testing.assert_allclose(shown[np.isfinite(shown)], position[250:350])
 

@@ -164,6 +164,7 @@ def joint_columns(rows: JointRows, choice: Choice, joint: int) -> Array:
 def _columns(rows: JointRows, choice: Choice, joint: int) -> Array:
     """(N, c) all columns of a joint's own row."""
     columns = [rows.links[:, joint]]
+    columns += [own[:, joint] for _, own in rows.carried()]
     columns += [rows.column(name, joint, choice)[:, None] for name in sorted(choice.columns[joint])]
     for i, j, _ in choice.coupled:
         if joint in (i, j):

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....base import Finding, refused
+from ....base import Finding
 from ....core import Array, Indices, check_consistency
 from ....robots import RobotModel
 from ...logs.recordings import Recordings
@@ -63,7 +63,10 @@ from .options import (
 _POOR = 0.3  # held-out error above which clocks may be farther apart than a delay
 _UNTIMED = ("delay_at_edge", "clock_offset")  # findings where no delay is used
 _LOADED = 0.15  # share of weight in a joint's force that a load column needs
-_BETWEEN = 0.1  # of the time between two rows: doubt of when a held target of a PD law acts
+_BETWEEN = 0.05  # of the time between two rows: doubt of when a held target of a PD law acts
+_LEAD = (
+    0.01  # by which MuJoCo's `frictionloss` turns before the velocity, with its usual solref [s]
+)
 _STEPS = 5  # of the correction of delays by the physical fit
 _EXACT = 2e-5  # least change of a delay that is worth another step [s]
 _LONGEST = 0.008  # step [s]
@@ -103,7 +106,7 @@ def structured_arm(
     problem = rows.problem(choice)
     others = rivals = iter(())
     faults += fit_checks(rows, replace(choice, delay=np.full(k, np.median(choice.delay))))
-    if not refused(faults):
+    if not Finding.refused(faults):
         report("fitting delays")
         beside = [rows.like(recordings, other) for other in others_at]
         found = _finished(rows, found, problem, options, beside)
@@ -137,6 +140,7 @@ def structured_arm(
         rivals,
         noisier,
         coupled=options.coupled,
+        loaded=frozenset(load.source for load in options.loads),
         columns=columns,
         rotors=rotors,
     )
@@ -260,6 +264,11 @@ def _rival_problems(
     yield from map(rows.problem, found.rivals)
     for other in beside:
         yield other.problem(found.choice)
+    if rows.recordings.feedback is not None and found.delays is not None:
+        # rows do not show how a joint moves while its target holds, which looks like a delay
+        yield rows.problem(replace(found.choice, delay=found.choice.delay + found.delays.deviation))
+        # jerky targets shake a light joint, and its friction acts like damping the more it is shaken
+        yield rows.leading(_LEAD).problem(found.choice)
 
 
 def neighbours(choice: Choice) -> Iterator[Choice]:

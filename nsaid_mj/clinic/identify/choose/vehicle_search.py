@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from ....base import Finding
-from ....core import Array, rate_labels
+from ....core import Array
 from ....robots import RobotModel
 from ...logs.recordings import Recordings
 from ..fit import inflation, minimise, tempered, tempered_fit
@@ -140,7 +140,7 @@ def structured_vehicle(
         problem,
         _alternatives(rows, columns, timing, timed.others),
         checked,
-        tuple(JointStructure(name, **parts) for name in rate_labels(rows.system)),
+        tuple(JointStructure(name, **parts) for name in rows.system.rate_labels),
         tuple(findings),
         rows.chosen.cutoff,
         rows.delays(timing),

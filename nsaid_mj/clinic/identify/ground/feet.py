@@ -17,7 +17,7 @@ from lxml import etree
 
 from ....base import Finding, UnknownName, pin, read_input
 from ....core import Array, ContactPoint
-from ....robots import BadRobot, RobotModel, compile_file
+from ....robots import BadRobot, MjcfFile, RobotModel
 from ...logs.mapping import ContactMap, Imu
 
 _FOOT = re.compile(r"foot|feet|toe|sole", re.IGNORECASE)
@@ -163,7 +163,7 @@ def places_of(robot: RobotModel) -> Iterator[Place]:
     model = robot.model
     frames = {f.name: f for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint}
     if robot.kind == "mjcf":
-        yield from _of_mjcf(compile_file(robot.file)[1], frames)
+        yield from _of_mjcf(MjcfFile(robot.file).model, frames)
         return
     shapes = _collisions(etree.fromstring(read_input(robot.file)))
     for name, frame in frames.items():

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ....base import Finding, pin
-from ....core import Array, ContactPoint, contact_jacobians
+from ....core import Array, ContactPoint
 from ....lab import INTERVAL
 from ...logs.imu import GRAVITY
 from ..fit import ConePrior
@@ -44,6 +44,9 @@ KINDS = {
     "place": OffsetKind(0.02, 2e-3, 0.01, "sits elsewhere than the model file says", 1e3, "mm"),
     "turn": OffsetKind(0.02, 3e-3, 0.01, "is turned against the model file", 180 / np.pi, "°"),
     "force": OffsetKind(0.2, 0.05, 0.1, "accelerometer has a bias", 1.0, "m/s²"),
+    "at_step": OffsetKind(
+        0.5, 0.2, 0.5, "readings are taken at the steps of the held targets", 100.0, "% of the step"
+    ),
     "foot": OffsetKind(
         3e-3, 1.5e-3, 1e-3, "touches the ground elsewhere than the model says", 1e3, "mm"
     ),
@@ -55,7 +58,7 @@ What is left of a foot's place is that of simulated robots whose feet were where
 
 _ROUNDING = 1e-12  # of the information's largest eigenvalue
 _NOTED = 4.0  # standard deviations from 0, and
-_LARGE = {"clock": 2e-3, "place": 0.01, "turn": 0.015, "force": 0.2, "foot": 0.0}
+_LARGE = {"clock": 2e-3, "place": 0.01, "turn": 0.015, "force": 0.2, "at_step": 0.1, "foot": 0.0}
 # sizes beyond which an error is allowed for: smaller ones of the IMU are as likely friction's
 _TOGETHER = 3e-4
 _UNSEEN = 1.5e-3
@@ -63,6 +66,7 @@ _UNSEEN = 1.5e-3
 # friction that differs from tanh(v/s) imitates it, and as it is allowed for
 _WEIGHT = 0.02
 # standard deviation of the mean upward specific force [m/s²], from velocities at the log's ends
+_UNMEASURED = 5.0  # times these sizes where no accelerometer tells the base's motion
 _TOLD = 6e-3  # of a foot, from which it is told [m]
 
 
@@ -81,6 +85,8 @@ def entries_of(rows: GroundRows) -> list[Entry]:
     if rows.recordings.imu is not None and rows.recordings.imu.accelerometer is None:
         kinds = []
     found += [Entry(kind, axis) for kind in kinds for axis in range(3)]
+    if kinds and rows.ground.answer is not None:
+        found.append(Entry("at_step", 0))
     for number, foot in enumerate(rows.ground.feet):
         if not foot.flat:  # of a flat foot any point of the link does
             found += [Entry("foot", axis, number) for axis in range(3)]
@@ -90,6 +96,7 @@ def entries_of(rows: GroundRows) -> list[Entry]:
 def displaced(ground: Ground, entries: list[Entry], x: Array) -> Ground:
     """The ground with errors x (a,) of some entries taken into account."""
     clock = ground.clock
+    at_step = ground.at_step
     pose = pin.SE3(ground.imu)
     centres = [np.array(foot.centre, dtype=np.float64) for foot in ground.feet]
     force = ground.force.copy()
@@ -103,11 +110,13 @@ def displaced(ground: Ground, entries: list[Entry], x: Array) -> Ground:
             turn[entry.axis] += value
         elif entry.kind == "force":
             force[entry.axis] += value
+        elif entry.kind == "at_step":
+            at_step += value
         else:
             centres[entry.foot][entry.axis] += value
     pose.rotation = pose.rotation @ pin.exp3(turn)
     feet = [replace(foot, centre=c) for foot, c in zip(ground.feet, centres, strict=True)]
-    return replace(ground, feet=feet, imu=pose, clock=clock, force=force)
+    return replace(ground, feet=feet, imu=pose, clock=clock, force=force, at_step=at_step)
 
 
 class Offsets(NamedTuple):
@@ -137,7 +146,7 @@ class Offsets(NamedTuple):
             pairs = zip(x * kind.factor, half, strict=True)
             numbers = ", ".join(f"{value:.2g} ± {own:.1g}" for value, own in pairs)
             along = " along x, y, z of its link" if len(at) > 1 else ""
-            subject = "its" if name in ("clock", "force") else "it"
+            subject = "it" if name in ("place", "turn", "foot") else "its"
             text = f"{subject} {kind.words}, by {numbers} {kind.unit}{along}; the fit allows for it"
             remedy = "Correct the model file or [base] in map.toml, if you know better."
             data = {"value": x.tolist(), "deviation": self.left[at].tolist()}
@@ -178,8 +187,10 @@ def estimated(
     found = -covariance @ slope
     deviation = np.sqrt(np.diag(covariance))
     value = np.zeros(len(entries))
-    for name, least in _LARGE.items():
+    measured = any(entry.kind == "force" for entry in entries)
+    for name, size in _LARGE.items():
         at = np.array([entry.kind == name for entry in entries])
+        least = size if measured else _UNMEASURED * size  # feet that slip imitate a late clock
         if (np.abs(found[at]) > np.maximum(_NOTED * deviation[at], least)).any():
             value[at] = found[at]
     remaining = _covariance(entries, np.array([kind.left for kind in kinds]), _UNSEEN)
@@ -236,18 +247,17 @@ def _columns(rows: GroundRows, entries: list[Entry], theta: Array, delay: Array)
 
 def _moments(rows: GroundRows, number: int, force: Array) -> dict[tuple[int, int], Array]:
     """(M, n) forces per metre of each foot's force if it acts off along its link's axes."""
-    structure = rows.system.structure
     feet = rows.ground.feet
     q = rows.motions[number].q
     flat = [replace(foot, flat=True, radius=0.0) for foot in feet]
-    J, places = contact_jacobians(structure, flat, q)
+    J, places = rows.system.contact_jacobians(flat, q)
     found = {}
     starts = np.cumsum([0, *(foot.rows for foot in feet)])
     for axis in range(3):
         beside: list[ContactPoint] = []
         for foot in flat:
             beside.append(replace(foot, centre=np.asarray(foot.centre) + np.eye(3)[axis]))
-        along = contact_jacobians(structure, beside, q)[1] - places
+        along = rows.system.contact_jacobians(beside, q)[1] - places
         for f in range(len(feet)):
             moment = np.cross(along[:, f], force[:, starts[f] : starts[f] + 3])
             turning = J[:, 6 * f + 3 : 6 * f + 6]

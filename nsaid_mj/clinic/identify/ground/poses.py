@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ....core import Array, contact_jacobians, rotation
+from ....core import Array, rotation
 from ....robots import RobotModel
 from ...logs.recordings import LogSegment, Recordings
 from ..rows import unrolled
@@ -24,7 +24,7 @@ def poses(robot: RobotModel, recordings: Recordings, segment: LogSegment) -> tup
     turn = imu_pose(robot, recordings.imu)[0].rotation
     quaternion = turned(segment.imu[:, :4], turn)
     q = np.hstack([np.zeros((len(log.t), 3)), quaternion, log.q])
-    places = contact_jacobians(system.structure, feet_of(robot, recordings.contacts)[0], q)[1]
+    places = system.contact_jacobians(feet_of(robot, recordings.contacts)[0], q)[1]
     up = np.array([rotation(x)[2] for x in quaternion])
     q[:, 2] = -np.min(np.einsum("nkj,nj->nk", places, up), axis=1)
     spin = segment.imu[:, 4:7] @ turn.T

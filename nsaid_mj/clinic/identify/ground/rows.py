@@ -27,9 +27,6 @@ from ....core import (
     Elimination,
     ParameterSpace,
     Rotor,
-    memory_of,
-    slides,
-    torques_along,
 )
 from ....robots import RobotModel
 from ...logs.imu import GRAVITY
@@ -51,6 +48,8 @@ FRICTIONS = ("rotor", "viscous", "coulomb")
 """Columns of every joint."""
 CONTROLLED = "controller's damping"
 """What viscous friction contains of motors under a PD law: no motion tells the two apart."""
+_STAY = 10.0  # weight of J a = 0 beside E M a [kg]
+_RIDGE = 1e-12  # of the trace, for legs without a row of their own
 _WEIGHED = 0.002  # standard deviation of the logarithm of a weighed robot's mass
 
 
@@ -64,13 +63,18 @@ class Ground:
     force: Array = field(default_factory=lambda: np.zeros(3))  # bias of the accelerometer [m/s²]
     # (N, feet) whether each touches, at the samples of every segment; None for all of them
     touching: tuple[Array, ...] | None = None
+    # share of the base's answer to each step of held targets by which the accelerometer's readings
+    # exceed the mean between steps, and that answer, (M, 3) of every motion; None if nothing steps
+    at_step: float = 0.0
+    answer: tuple[Array, ...] | None = None
 
 
 class GroundRows(Rows):
     """All columns of a walking robot's segments, without contact forces, filtered once.
 
     Attributes:
-        speed: index of s of tanh(v/s) in `SPEEDS`.
+        speed: index of s of tanh((v + lead · v̇)/s) of Coulomb friction in `SPEEDS`.
+        lead: by which dry friction turns before the velocity does [s].
         gain: (k,) expected gains.
         spread: (k,) standard deviations of their logarithms.
         system: the robot's, base first, with an angle as the position of every joint.
@@ -92,8 +96,11 @@ class GroundRows(Rows):
         self.gain = np.abs(robot.gain)
         self.spread = np.ones(len(self.gain))
         self.speed = speed
+        self.lead = 0.0
+        k = len(robot.joints)
         self.system = unrolled(robot.system)
         super().__init__(recordings, chosen, lambda *each: smooth_ground(ground, *each))
+        self.motions = [_between(k, each, ground) for k, each in enumerate(self.motions)]
         self.driven = recordings.driven(robot)
         law = recordings.feedback
         self._commands = [(s, smooth_commands(s, chosen, law)) for s in self.segments]
@@ -106,6 +113,11 @@ class GroundRows(Rows):
         )
         E = [each.E for each in self.eliminated]
         self.fixed = self.regressor(system, lambda W: W, free=E)
+        viscous = [self.space.index(f"{COLUMNS['viscous'].letter}_{j + 1}") for j in range(k)]
+        pairs = zip(self.eliminated, self.segments, strict=True)
+        self.fixed[:, :, viscous] = np.concatenate(
+            [chosen.rows(each.E[:, :, BASE:] * _travelled(s, chosen)[:, None]) for each, s in pairs]
+        )
 
     def expect(self, gain: Array, spread: Array) -> None:
         """Sets expected gains (k,) and the standard deviations of their logarithms (k,)."""
@@ -128,6 +140,7 @@ class GroundRows(Rows):
             self.speed,
         )
         other.expect(self.gain, self.spread)
+        other.lead = self.lead
         other.usable[:, :BASE] &= self.usable[:, :BASE].any()
         return other
 
@@ -145,22 +158,51 @@ class GroundRows(Rows):
 
     def smoothed(self, number: int, ground: Ground) -> Smooth:
         """A motion under other assumptions about sensors."""
-        return smooth_ground(ground, self.segments[number], self.chosen)
+        return _between(number, smooth_ground(ground, self.segments[number], self.chosen), ground)
+
+    def answer(self, number: int, theta: Array) -> Array:
+        """(M, 3) accelerations of the base right after one row's step of the targets, at θ (p,).
+
+        A held target steps, and with it the motors' force: E M a = E Δτ while feet that bear load
+        stay, J a = 0. A target that changes at the rate u̇ steps by u̇ over the rate of the rows.
+        """
+        motion = self.motions[number]
+        rest = motion._replace(v=np.zeros_like(motion.v), a=np.zeros_like(motion.a))
+        still = self._moving(rest, theta)
+        M = np.empty((*motion.a.shape, motion.a.shape[1]))
+        for j, unit in enumerate(np.eye(motion.a.shape[1])):
+            M[:, :, j] = self._moving(rest._replace(a=rest.a + unit), theta) - still
+        segment, curve = self._commands[number]
+        change = curve.derivative()(segment.log.t[:: self.chosen.every]) / self.recordings.rate
+        change = (change * np.sign(self.robot.gain))[:, self.driven] * theta[self.space.actuators]
+        E = self.eliminated[number].E
+        force = E[:, :, [BASE + j for j in self.driven]] @ change[:, :, None]
+        held = self.system.contact_jacobians(self.ground.feet, motion.q)[0]
+        bear = self._bear(number)
+        if bear is not None:
+            rows = [foot.rows for foot in self.ground.feet]
+            held = held * np.repeat(bear, rows, axis=1)[:, :, None]
+        A = E @ M
+        normal = A.transpose(0, 2, 1) @ A + _STAY**2 * (held.transpose(0, 2, 1) @ held)
+        normal += _RIDGE * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(A.shape[2])
+        return np.linalg.solve(normal, A.transpose(0, 2, 1) @ force)[:, :3, 0]
 
     def required(
         self, number: int, theta: Array, delay: Array, motion: Smooth | None = None
     ) -> Array:
         """(M, n) W θ along a motion, unfiltered, at θ (p,), delays (k,): contact forces."""
         motion = motion or self.motions[number]
+        found = self._moving(motion, theta)
+        driving = self.acting(number, delay)[:, self.driven] * theta[self.space.actuators]
+        found[:, [BASE + j for j in self.driven]] -= driving
+        return found
+
+    def _moving(self, motion: Smooth, theta: Array) -> Array:
+        """(M, n) W θ along a motion of everything but the motors."""
         columns, rotors = self.terms(self.space)
         own = [column for column in columns if column.kind != "motor"]
         system = with_columns(self.system, own, rotors, len(self.space))
-        structure = system.structure.arrays
-        found = np.empty_like(motion.v)
-        parts = (np.ascontiguousarray(x) for x in (motion.q, motion.v, motion.a))
-        torques_along(structure, *memory_of(structure, system.n), theta, *parts, found)
-        driving = self.acting(number, delay)[:, self.driven] * theta[self.space.actuators]
-        found[:, [BASE + j for j in self.driven]] -= driving
+        found = system.torques(theta, motion.q, motion.v, motion.a)
         return found
 
     def _sure(self) -> Mask:
@@ -179,9 +221,8 @@ class GroundRows(Rows):
         return np.concatenate(found)
 
     def _space(self) -> ParameterSpace:
-        model = self.robot.model
         joints = self.robot.joints
-        blocks = list(link_blocks(model))
+        blocks = link_blocks(self.robot)
         for name in FRICTIONS:
             column = COLUMNS[name]
             kinds = [self._slides(j) for j in range(len(joints))]
@@ -232,7 +273,7 @@ class GroundRows(Rows):
         return found
 
     def _slides(self, joint: int) -> bool:
-        return slides(self.robot.model.joints[joint + 2])
+        return self.robot.system.slides[joint]
 
     def terms(self, space: ParameterSpace) -> tuple[list[Column], list[Rotor]]:
         """Columns of friction, then of motors, and rotors, on the joints' velocities."""
@@ -272,12 +313,12 @@ class GroundRows(Rows):
         )
 
     def problem(
-        self, delay: Array, speed: int | None = None, lead: float = 0.0, lag: float = 0.0
+        self, delay: Array, speed: int | None = None, lead: float | None = None, lag: float = 0.0
     ) -> FitProblem:
         """The fit with commands that act late by (k,) seconds; `lag` is that of `acting`.
 
         Coulomb friction is proportional to tanh((v + `lead` · v̇)/s), with s of index `speed` in
-        `SPEEDS`; None for that of the rows.
+        `SPEEDS`; None for those of the rows.
         """
         space = self.space
         at = space.actuators
@@ -285,6 +326,7 @@ class GroundRows(Rows):
             space.index(f"{COLUMNS['coulomb'].letter}_{j + 1}") for j in range(len(self.gain))
         ]
         s = SPEEDS[self.speed if speed is None else speed]
+        lead = self.lead if lead is None else lead
         Y = self.fixed.copy()
         acting = []
         rubbing = []
@@ -341,6 +383,26 @@ def smooth_ground(ground: Ground, segment: LogSegment, chosen: Filter) -> Smooth
     a = np.asarray(np.hstack([force + down, spun, slope(log.t, rates)]), dtype=np.float64)
     usable = np.repeat(np.all(segment.usable, axis=1, keepdims=True), v.shape[1], axis=1)
     return Smooth(log.t[pick], q[pick], v[pick], a[pick], usable[pick])
+
+
+def _between(number: int, motion: Smooth, ground: Ground) -> Smooth:
+    """A motion with the mean specific force between steps of the targets."""
+    if ground.answer is None or ground.at_step == 0:
+        return motion
+    a = motion.a.copy()
+    a[:, :3] -= ground.at_step * ground.answer[number]
+    return motion._replace(a=a)
+
+
+def _travelled(segment: LogSegment, chosen: Filter) -> Array:
+    """(M, k) mean velocities of the joints around each sample, from their positions.
+
+    Between samples a stiff loop may move faster than they show: after each step of a held target it
+    follows within 1/(kv/J), 3 ms on a light leg. Sampled velocities miss that, always on the same
+    side; friction and damping would be those of a velocity that is up to a millisecond late.
+    """
+    found = slope(segment.log.t, chosen.low_pass(segment.log.q))[:: chosen.every]
+    return np.asarray(found, dtype=np.float64)
 
 
 def total_mass(robot: RobotModel, p: int) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from ....base import Finding
-from ....core import Array, rate_labels
+from ....core import Array
 from ....lab import INTERVAL
 from ....robots import RobotModel
 from ...logs.recordings import Recordings
@@ -27,20 +27,24 @@ from ..problem import FitProblem
 from ..result import JointStructure, Options, Structured
 from ..smoothing import Filter
 from .feet import feet_of, imu_pose
+from .odometry import with_odometry
 from .offsets import Offsets, displaced, estimated
 from .rows import BASE, FRICTIONS, Ground, GroundRows, total_mass
+from .sensors import sensors_of, with_sensors
 from .stance import Stance, stance
 
 _CUTOFF = 20.0  # of the rows [Hz]: the steps of a gait
+_SLOW = 4.0  # without an accelerometer: what standing feet tell of the base's motion
 _FAST = 200.0  # at which regressors are computed, at least [Hz]: contact forces jump
 _ROWS = 2.5  # rows per second over the cut-off: more hold nothing new
 _MOST_ROWS = 6000.0  # of all logs
 _SPEED = 4  # index of the first s of tanh(v/s): 0.05 rad/s
-_LEAD = 0.01
+_LEADS = (0.0, 0.005, 0.01)
 # by which dry friction may turn before the velocity does [s]: MuJoCo's `frictionloss` stops a joint
-# by v̇ = −v/_LEAD with its default `solreffriction`, so that its force imitates rotor inertia
+# by v̇ = −100 v with its default `solreffriction`, so that its force imitates rotor inertia
 _LAG = 1e-3  # by which a PD law may act late on the measured motion [s]: a loop at 1 kHz
-_STEP = 0.006  # between first trial delays [s]
+_STEPS = (0.006, 0.001)  # between trial delays [s]: the cost is a parabola within the last alone
+_PASSES = 2  # of estimating the base's acceleration by the loads under an estimate
 _REACH = 0.06  # largest delay [s]
 _DOUBTED = 5e-3  # standard deviation of a delay that is not sought [s]
 
@@ -61,7 +65,8 @@ def structured_ground(
     feet, said = feet_of(robot, recordings.contacts)
     pose, where = imu_pose(robot, recordings.imu)
     report("taking the feet's forces out of the rows")
-    cutoff = min(options.cutoff or _CUTOFF, 0.2 * recordings.rate)
+    measured = recordings.imu.accelerometer is not None
+    cutoff = min(options.cutoff or (_CUTOFF if measured else _SLOW), 0.2 * recordings.rate)
     chosen = filter_of(recordings, cutoff)
     rows = GroundRows(robot, recordings, chosen, Ground(feet, pose), _SPEED)
     rows.expect(*expected_gains(rows))
@@ -69,18 +74,22 @@ def structured_ground(
     delay = np.zeros(k) if options.delay is None else options.delay
     fit = minimise(rows.problem(delay))
     report("finding which legs swing")
-    seen = _stance(rows, fit, delay)
-    rows = rows.like(ground=replace(rows.ground, touching=seen.touching))
+    for _ in () if measured else range(_PASSES):
+        rows = rows.like(with_odometry(rows, _stance(rows, fit, delay)))
+        fit = minimise(rows.problem(delay), start=fit.theta)
+    rows, seen = _released(rows, fit, delay)
     findings = [said, where, *_swing(rows, seen), *_damping(rows)]
-    if recordings.imu.accelerometer is None:
-        rows.usable[:, :BASE] = False
-        text = "without an accelerometer the balance of the whole robot is not known, only that of "
-        text += "legs in swing: ratios of gains are ten times less certain, and no delay of the "
+    findings += _sensors(rows, seen)
+    if not measured:
+        text = "without an accelerometer the base's acceleration is taken from the feet that bear "
+        text += (
+            f"load, as if they stood still; it is used up to {cutoff:g} Hz, and no delay of the "
+        )
         text += "commands is sought"
         remedy = "Log the IMU's specific force, too."
         findings.append(Finding("warning", "no_accelerometer", "base", text, remedy))
-    report("finding the speed of friction")
-    rows.speed = _speed(rows, fit.theta, delay)
+    report("finding how dry friction turns")
+    rows.speed, rows.lead = _friction(rows, fit.theta, delay)[0]
     report("comparing IMU and joints")
     rows, fit, offsets = _allowed(rows, fit, delay)
     findings += offsets.findings([foot.name for foot in feet])
@@ -95,16 +104,18 @@ def structured_ground(
         half = INTERVAL * deviation
         interval = (common - half, common + half)
         others = [common + deviation]
+    (rows.speed, rows.lead), rival = _friction(rows, fit.theta, delay)
     problem = rows.problem(delay)
     checked = None
     if validation is not None:
-        own = rows.like(validation, replace(rows.ground, touching=None))
-        seen = _stance(own, fit, delay)
-        own = own.like(ground=replace(own.ground, touching=seen.touching))
+        own = rows.like(validation, replace(rows.ground, touching=None, answer=None))
+        own = _released(own, fit, delay)[0]
+        if own.ground.at_step:
+            own = own.like(ground=_answered(own, fit.theta))
         checked = own.problem(delay)
     return Structured(
         problem,
-        _alternatives(rows, delay, others),
+        _alternatives(rows, delay, others, rival),
         checked,
         tuple(_structures(rows, delay, interval)),
         tuple(findings),
@@ -122,6 +133,8 @@ def _allowed(rows: GroundRows, fit: Fit, delay: Array) -> tuple[GroundRows, Fit,
     A large error of the IMU hides others, and which feet bear load, so it is found first.
     """
     total = 0.0
+    if rows.recordings.feedback is not None:
+        rows.ground = _answered(rows, fit.theta)
     for last in (False, False, True):
         problem = rows.problem(delay)
         fit, share = tempered_fit(problem)
@@ -132,11 +145,28 @@ def _allowed(rows: GroundRows, fit: Fit, delay: Array) -> tuple[GroundRows, Fit,
         changed = displaced(rows.ground, offsets.entries, offsets.of_imu)
         rows = rows.like(ground=replace(changed, touching=None))
         fit = minimise(rows.problem(delay), start=fit.theta)
-        seen = _stance(rows, fit, delay)
-        rows = rows.like(ground=replace(changed, touching=seen.touching))
+        rows, _ = _released(rows, fit, delay)
     if offsets.value.any():
         rows = rows.like(ground=displaced(rows.ground, offsets.entries, offsets.value))
     return rows, fit, offsets._replace(value=offsets.value + total)
+
+
+def _answered(rows: GroundRows, theta: Array) -> Ground:
+    """The rows' ground, with what the base does at steps of held targets."""
+    answer = tuple(rows.answer(number, theta) for number in range(len(rows.motions)))
+    return replace(rows.ground, answer=answer)
+
+
+def _released(rows: GroundRows, fit: Fit, delay: Array) -> tuple[GroundRows, Stance]:
+    """The rows in which legs that surely swing have their own, and what the feet do.
+
+    Where the base has no accelerometer, its acceleration is that which the loaded feet tell.
+    """
+    seen, _ = with_sensors(rows, _stance(rows, fit, delay))
+    ground = replace(rows.ground, touching=seen.touching)
+    imu = rows.recordings.imu
+    moved = with_odometry(rows, seen) if imu is None or imu.accelerometer is None else None
+    return rows.like(moved, ground), seen
 
 
 def filter_of(recordings: Recordings, cutoff: float) -> Filter:
@@ -146,6 +176,18 @@ def filter_of(recordings: Recordings, cutoff: float) -> Filter:
     seconds = sum(len(segment.log.t) for segment in recordings.segments) / recordings.rate
     least = max(rate / (_ROWS * cutoff), rate * seconds / _MOST_ROWS)
     return Filter(cutoff, recordings.rate, every, max(1, int(least)))
+
+
+def _sensors(rows: GroundRows, seen: Stance) -> Iterator[Finding]:
+    """What sensors in the feet say, compared with the implied forces."""
+    found = sensors_of(rows, seen)
+    feet = [foot.name for foot in rows.ground.feet]
+    if found is not None:
+        yield from found.findings(feet)
+    elif rows.recordings.contacts.force:
+        names = ", ".join(rows.recordings.contacts.force)
+        text = f"{names} are not used: the robot has {len(feet)} feet ({', '.join(feet)})"
+        yield Finding("note", "foot_sensors", "", text, "Name one column for each in [contacts].")
 
 
 def _stance(rows: GroundRows, fit: Fit, delay: Array) -> Stance:
@@ -198,21 +240,28 @@ def _swing(rows: GroundRows, seen: Stance) -> Iterator[Finding]:
 _RARE = 0.01  # share of swing below which a foot counts as never released
 
 
-def _speed(rows: GroundRows, theta: Array, delay: Array) -> int:
-    """The index in `SPEEDS` of the friction speed with the least cost, common to all joints."""
+def _friction(rows: GroundRows, theta: Array, delay: Array) -> tuple[tuple[int, float], float]:
+    """The speed's index in `SPEEDS` and the lead of dry friction with the least cost.
+
+    Both are common to all joints. The second value is the next best lead [s].
+    """
     share = inflation(rows.problem(delay), theta)
 
     @cache
-    def cost(speed: int) -> float:
-        problem = rows.problem(delay, speed)
+    def cost(speed: int, lead: int) -> float:
+        problem = rows.problem(delay, speed, _LEADS[lead])
         return minimise(problem, tempered(problem, share), theta).cost
 
-    best = rows.speed
+    best = rows.speed, _LEADS.index(rows.lead)
     while True:
-        near = min((best, *{max(best - 1, 0), min(best + 1, len(SPEEDS) - 1)}), key=cost)
-        if near == best:
-            return best
-        best = near
+        speed, lead = best
+        near = [(s, lead) for s in range(max(speed - 1, 0), min(speed + 2, len(SPEEDS)))]
+        leads = [(speed, k) for k in range(max(lead - 1, 0), min(lead + 2, len(_LEADS)))]
+        found = min((best, *near, *leads), key=lambda each: cost(*each))
+        if found == best:
+            rival = min((each for each in leads if each != best), key=lambda each: cost(*each))
+            return (speed, _LEADS[lead]), _LEADS[rival[1]]
+        best = found
 
 
 def _damping(rows: GroundRows) -> Iterator[Finding]:
@@ -229,32 +278,31 @@ def _delay(rows: GroundRows, theta: Array) -> tuple[float, float]:
     k = len(rows.robot.joints)
     first = rows.problem(np.zeros(k))
     share = inflation(first, theta)
-    costs: dict[int, float] = {}
 
-    def cost(step: int) -> float:
-        if step not in costs:
-            problem = rows.problem(np.full(k, step * _STEP))
-            costs[step] = minimise(problem, tempered(problem, share), theta).cost
-        return costs[step]
+    @cache
+    def cost(late: float) -> float:
+        problem = rows.problem(np.full(k, late))
+        return minimise(problem, tempered(problem, share), theta).cost
 
-    best = 0
-    while abs(best * _STEP) < _REACH:
-        near = min((best - 1, best, best + 1), key=cost)
-        if near == best:
-            break
-        best = near
-    before, here, after = (cost(best + side) for side in (-1, 0, 1))
+    best = 0.0
+    for step in _STEPS:
+        while abs(best) < _REACH:
+            near = min((best - step, best, best + step), key=cost)
+            if near == best:
+                break
+            best = near
+    before, here, after = (cost(best + side * step) for side in (-1, 0, 1))
     curvature = before - 2 * here + after
     if curvature <= 0:
-        return best * _STEP, _STEP
+        return best, step
     shift = float(np.clip(0.5 * (before - after) / curvature, -0.5, 0.5))
-    return (best + shift) * _STEP, max(_STEP / np.sqrt(curvature), 1e-4)
+    return best + shift * step, max(step / np.sqrt(curvature), 1e-4)
 
 
 def _structures(
     rows: GroundRows, delay: Array, interval: tuple[float, float] | None
 ) -> Iterator[JointStructure]:
-    for label in rate_labels(rows.robot.system)[:BASE]:
+    for label in rows.robot.system.rate_labels[:BASE]:
         yield JointStructure(f"base {label}", delay=float(delay[0]), delay_interval=interval)
     for joint, late in zip(rows.robot.joints, delay, strict=True):
         speed = SPEEDS[rows.speed]
@@ -267,13 +315,15 @@ def _structures(
         )
 
 
-def _alternatives(rows: GroundRows, delay: Array, others: Sequence[float]) -> Iterator[FitProblem]:
-    """Other plausible problems: another delay, friction speed or phase, and cut-off."""
+def _alternatives(
+    rows: GroundRows, delay: Array, others: Sequence[float], lead: float
+) -> Iterator[FitProblem]:
+    """Other plausible problems: another delay, friction speed or lead, and cut-off."""
     for other in others:
         yield rows.problem(np.full(len(delay), other))
     for speed in {max(rows.speed - 2, 0), min(rows.speed + 2, len(SPEEDS) - 1)} - {rows.speed}:
         yield rows.problem(delay, speed)
-    yield rows.problem(delay, lead=_LEAD)
+    yield rows.problem(delay, lead=lead)
     if rows.recordings.feedback is not None:
         yield rows.problem(delay, lag=_LAG)
     chosen = filter_of(rows.recordings, NARROWER * rows.chosen.cutoff)

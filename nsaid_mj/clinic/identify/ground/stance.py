@@ -18,7 +18,7 @@ from ....core import GRAVITY, Array, zero_phase
 from ..problem import Mask
 from .rows import GroundRows
 
-_SMOOTH = 25.0  # of the forces, before they are judged [Hz]
+SMOOTH = 25.0  # of the forces, before they are judged [Hz]
 _UNLOADED = 0.08  # of a foot's share of the robot's weight, below which it may be in swing
 _NOISES = 4.0  # standard deviations of the forces of unloaded feet that this must exceed
 _TOUCHING = 0.03  # around a load, in which a foot still counts as loaded [s]
@@ -70,4 +70,4 @@ def _normal(rows: GroundRows, number: int, theta: Array, delay: Array) -> Array:
         first += foot.rows
     rate = rows.chosen.rate / rows.chosen.every
     found = np.column_stack(found)
-    return zero_phase(found, min(_SMOOTH, 0.4 * rate), rate) if len(found) > 8 else found
+    return zero_phase(found, min(SMOOTH, 0.4 * rate), rate) if len(found) > 8 else found

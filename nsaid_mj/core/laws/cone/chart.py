@@ -17,14 +17,14 @@ from numba import types
 from ...numerics.kernels import cube, f8, kernel, vector, void
 from ...numerics.small_matrices import LANES, over_lanes
 from ...parameters import Array, Block, ParameterSpace
-from ...quotient.barrier import hessian_into, metric_solve
+from ...quotient.barrier import metric_solve
 from ...quotient.cone import (
     CONE,
     Cone,
     compiled,
-    cone_of,
     coordinates,
     factor_in_place,
+    hessian_into,
     inverse_into,
     matrix,
     matrix_into,
@@ -318,7 +318,7 @@ def natural_rate_into(cone, eta, theta, stiffness, mu, gradient, rate, work):
 
 # -- formulas of one link, which `over_lanes` evaluates for several ------------------------------
 
-_LINK = cone_of(
+_LINK = Cone.of(
     ParameterSpace((Block("link", tuple("0123456789"), ("",) * 10, np.ones(10), "pseudo_inertia"),))
 )
 _LOWER = np.tril_indices(4)

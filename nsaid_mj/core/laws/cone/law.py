@@ -15,8 +15,8 @@ from numba import types
 from ....base import InvalidInput
 from ...numerics.kernels import boolean, f8, matrix, routine, vector, void
 from ...parameters import Array, ParameterSpace
-from ...quotient.barrier import barrier, barriers, gaps, gradient_and_hessian
-from ...quotient.cone import CONE, Cone, cone_of, coordinates, inside
+from ...quotient.barrier import barriers, gaps
+from ...quotient.cone import CONE, Cone, coordinates, inside
 from ..metric import CompiledMetric, ConstantMetric, Metric
 from .chart import (
     CHART,
@@ -128,7 +128,7 @@ class ConeMetric(Metric):
         self.Gamma = self._flat.Gamma
         if not (np.isfinite(mu) and mu > 0):
             raise InvalidInput("mu", "a weight > 0", mu, "0 is the paper's law: --law paper.")
-        self.mu, self.cone = float(mu), cone_of(space)
+        self.mu, self.cone = float(mu), Cone.of(space)
         whole = self.Gamma.ndim == 2
         stiffness = np.asarray(np.linalg.inv(self.Gamma) if whole else 1 / self.Gamma, np.float64)
         pairing = coordinates(self.cone)
@@ -141,7 +141,7 @@ class ConeMetric(Metric):
                 "an estimate outside the cone",
                 "Draw it with cone.prior.drawn_inside, or use law='paper', which accepts any.",
             )
-        self._offset = barrier(self.cone, prior)
+        self._offset = self.cone.barrier(prior)
         self.cancelling = self.mu * (2 * abs(self._offset) + self.cone.degree)
         self.stiffness = (stiffness if whole else np.diag(stiffness)) / self.mu
 
@@ -163,11 +163,11 @@ class ConeMetric(Metric):
 
     def potential(self, theta: Array) -> float:
         """ψ(θ)/μ at θ (p,)."""
-        return float(0.5 * theta @ self.stiffness @ theta + barrier(self.cone, theta))
+        return float(0.5 * theta @ self.stiffness @ theta + self.cone.barrier(theta))
 
     def mirror(self, theta: Array) -> tuple[Array, Array]:
         """(p,) ∇ψ(θ)/μ and (p, p) ∇²ψ(θ)/μ."""
-        slope, metric = gradient_and_hessian(self.cone, theta)
+        slope, metric = self.cone.derivatives(theta)
         return self.stiffness @ theta + slope, self.stiffness + metric
 
 

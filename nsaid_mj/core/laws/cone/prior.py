@@ -4,7 +4,7 @@ import numpy as np
 
 from ....base import InvalidInput
 from ...parameters import Array, ParameterSpace
-from ...quotient.cone import Cone, block_matrix, cone_of, coordinates, read_block, tied
+from ...quotient.cone import Cone, block_matrix, coordinates, read_block, tied
 
 _FLOOR = 0.01  # least positive number or diagonal entry of a matrix to draw about, over its scale
 _LEAST = 1e-6  # relative error of a prior; second moments of less are lost in rounding errors
@@ -25,7 +25,7 @@ def drawn_inside(
     of the scaled matrix is at least e^{−error} of its former value. A θ (p,) on the cone's boundary
     is first moved inside.
     """
-    cone = cone_of(space)
+    cone = Cone.of(space)
     drawn = np.array(theta, dtype=np.float64)
     pairing = coordinates(cone)
     for block, place in space:
@@ -87,8 +87,8 @@ def drawn_covariance(space: ParameterSpace, theta: Array, error: float) -> Array
     if not (np.isfinite(error) and error > 0):
         raise InvalidInput("error", "a relative error > 0", error, "Give the spread of the prior.")
     error = min(max(error, _LEAST), _MOST)
-    cone = cone_of(space)
-    pairing = coordinates(cone_of(space))
+    cone = Cone.of(space)
+    pairing = coordinates(Cone.of(space))
     found = np.zeros((len(space),) * 2)
     for block, place in space:
         if block.geometry == "free":

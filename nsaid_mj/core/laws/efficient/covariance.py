@@ -34,8 +34,8 @@ def copy_matrix(source, target):
 def keep_above_rounding(P, L):
     """Makes P (p, p) symmetric, and adds a floor where its rounding errors could be indefinite.
 
-    Data do not reduce the variance along P_s, while exact data reduce that of other directions
-    below its rounding errors; gains from such a P have random signs.
+    Exact data reduce the variance of observable directions far below that along P_s, which stays.
+    Below its rounding errors P would be indefinite, and the gains would have random signs.
     """
     largest = 0.0
     for i in range(P.shape[0]):

@@ -12,7 +12,7 @@ from ....base import InvalidInput
 from ...log import Log, Measurement
 from ...nullspace.subspace import parts_of
 from ...parameters import Array
-from ...quotient.cone import cone_of
+from ...quotient.cone import Cone
 from ...structure.contacts import contact_jacobians
 from ...structure.system import SecondOrderSystem
 from ..cone.prior import drawn_covariance, spread_of_numbers
@@ -77,7 +77,7 @@ class KalmanFilter:
         self._size = 2 * system.n - sum(contact.rows for contact in contacts)
         self._prior_error = config.prior or USUAL
         self._far_gamma = config.linearisation
-        cone = cone_of(system.space)
+        cone = Cone.of(system.space)
         scale = np.array(system.space.scale)
         window = max(_LEAST_WINDOW, round(config.innovation_window / dt))
         unexplained = np.array(config.unexplained, dtype=np.float64)

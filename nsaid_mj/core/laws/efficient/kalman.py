@@ -16,7 +16,7 @@ of (x, c) propagated by [Φ F_c]. P_θθ is as before the step: only measurement
 
 This is (44, 45) with K and Γ replaced by the gains of the Kalman filter. Both q and v are measured,
 so that P_xθ = R S⁻¹ P̄_xθ and P_xx = R S⁻¹ P̄_xx after an update. γ accounts for the error of
-linearisation about θ̂, as a share of the effect of θ's uncertainty in a step.
+linearisation about θ̂: its standard deviation as a share of what θ's uncertainty does in a step.
 
 D = diag(d k̂²) represents unmodelled forces, as white noise of density d in the motors' commands:
 with a fixed density of forces, its relative size would grow if k̂, friction and inertia of a motor
@@ -24,10 +24,10 @@ shrink together, and keep them there. With D, joint friction is evaluated at the
 as in (44): compared with such forces its noise is negligible, while a step in which friction
 reverses is neither linear nor stable.
 
-Contacts whose forces nobody measures are an unknown input. The prediction moves them as they were
-measured to move in the last steps, v̇ = v̇₀ + Y (w − J v̇₀) of `structure.touching`, whose error is of
-any size: P̄ gains F_c Y Yᵀ F_cᵀ times a variance far above the noise's. So an innovation counts only
-in the directions that no contact force reaches, those of E W.
+Contacts without force sensors are an unknown input. The prediction takes their acceleration from
+the last measured steps, v̇ = v̇₀ + Y (w − J v̇₀) of `structure.touching`. It may be wrong by any
+amount, so P̄ gains F_c Y Yᵀ F_cᵀ times a variance far above the noise's. An innovation then counts
+only in the directions that no contact force reaches, those of E W.
 """
 
 import numpy as np

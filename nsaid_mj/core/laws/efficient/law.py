@@ -2,17 +2,17 @@
 
 The filter is statistically efficient, but only locally: its convergence is not proven from far
 away, or if the structure does not explain the motion. The implicit steps of the law `memory`, which
-converge globally, run in parallel, without (44, 45) between them. At the end of every interval of
-the memory, the law returns the filter's θ̂ if its mean residual on all remembered data is at most
-`_WORSE` times that of the memory's estimate, else the memory's. Once the memory has enough data to
-detect a change by itself, it pauses between two intervals for a share of the time for which the
-filter has explained the motion.
+converge globally, run in parallel, without (44, 45) between them. At the end of every
+interval of the memory, the law returns the filter's estimate, unless its mean residual on the
+remembered data is more than `_WORSE` times the memory's; then it returns the memory's. Once the
+memory has enough data to detect a change by itself, it pauses between two intervals, for a share of
+the time for which the filter has explained the motion.
 
-Significantly large innovations contradict the filter, because of a far prior, a fault, an inexact
-structure, or a filter that has just started. What follows is decided by the law's `Supervisor`;
-without one, the filter restarts at the memory's estimate. After such a restart, the memory's
-estimate is returned until the filter has explained `_PROBATION` seconds. If the memory loses M̂ ≻ 0
-while the filter's estimate is returned, it continues from that.
+Innovations that are significantly too large contradict the filter. The causes are a prior far off,
+a fault, an inexact structure, or a filter that has just started. The law's `Supervisor` decides
+what follows; without one, the filter restarts at the memory's estimate. After such a restart, the
+law returns the memory's estimate until the filter has explained `_PROBATION` seconds. If the memory
+loses M̂ ≻ 0 while the filter's estimate is returned, it continues from the filter's.
 """
 
 from functools import partial

@@ -1,7 +1,7 @@
 """Estimates the sensors' noise levels from the data.
 
-If the fourth difference of a signal at a constant rate is negligible, that of its measurements has
-C(8, 4) = 70 times the variance of the noise.
+A smooth signal, sampled at a constant rate, has a negligible fourth difference. That of its
+measurements is then the noise's alone, and has C(8, 4) = 70 times the variance of the noise.
 """
 
 from typing import NamedTuple

@@ -8,7 +8,6 @@ import numpy as np
 
 from ...log import Log
 from ...parameters import Array
-from ...structure.sensing import displaced
 from ...structure.system import SecondOrderSystem
 
 
@@ -38,7 +37,7 @@ class Signals(NamedTuple):
             u = np.where(np.isnan(self.held), self.sign * u, self.held)
         place, rate = np.split(self.bias, 2)
         if place.any():
-            q = np.array([displaced(system, one, -place) for one in q])
+            q = np.array([system.displaced(one, -place) for one in q])
         if rate.any():
             v = v - rate
         return Log.unchecked(t, q, v, u)

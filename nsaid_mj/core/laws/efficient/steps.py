@@ -147,14 +147,13 @@ def carry_scale(part, before, after, scale, Pxt, Ptt, moved, gained):
     """Transports the error of a part's scale with θ̂, from `before` (p,) to `after` (p,).
 
     No motion reveals the common scale of the parameters where `part` (p,) is 1 (elsewhere it is 0),
-    those of the whole robot or of one limb: B θ̂_part = 0 at the θ̂ at which the step is linearised.
-    Linearised elsewhere in the next step, the covariance would mistake the difference for
-    information (Huang, Mourikis, Roumeliotis, IJRR 29(5), 2010). So an error s of the scale, θ = (1
-    + s)(θ̂ + …), stays
-    one: P ← T P Tᵀ with T = 1 + d wᵀ, d = after − before, w ∝ before, wᵀ before = 1 (in units of
-    the scale), which maps `before` to `after` and keeps θ̂ᵀ P⁻¹ θ̂. Pxt (2n, p) and Ptt (p, p) are
-    covariances of the state and θ/scale with θ/scale, overwritten; moved and gained (p,) are
-    workspace.
+    those of the whole robot or of one limb: B θ̂_part = 0 at the θ̂ at which the step is
+    linearised. Linearised elsewhere in the next step, the covariance would mistake the difference
+    for information (Huang, Mourikis, Roumeliotis, IJRR 29(5), 2010). To keep an error s of the
+    scale, θ = (1 + s)(θ̂ + …), an error of the scale: P ← T P Tᵀ with T = 1 + d wᵀ, d = after −
+    before, w ∝ before, wᵀ before = 1 (in units of the scale), which maps `before` to `after` and
+    keeps θ̂ᵀ P⁻¹ θ̂. Pxt (2n, p) and Ptt (p, p) are covariances of the state and θ/scale with
+    θ/scale, overwritten; moved and gained (p,) are workspace.
     """
     p = before.shape[0]
     norm = 0.0

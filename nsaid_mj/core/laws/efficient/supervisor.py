@@ -8,8 +8,8 @@ since the last one, and continues from the state that it returns:
 - `watched`, after every piece of a log; where that ends an interval of the memory, the law has
   compared filter and memory before.
 
-What it tells the law is its `Supervision`. Without a supervisor, the filter restarts at the
-memory's estimate where it is contradicted, and θ is constant.
+The supervisor returns its orders to the law as a `Supervision`. Without a supervisor θ is constant,
+and a contradicted filter restarts at the memory's estimate.
 """
 
 from typing import Protocol

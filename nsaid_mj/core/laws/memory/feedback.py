@@ -1,7 +1,7 @@
 """Estimates the part of the commands that is sensor noise fed back by a controller.
 
-If the fourth difference of a signal at a constant rate is negligible, those of measurement and
-command have C(8, 4) = 70 times the covariance of their noise.
+Smooth signals, sampled at a constant rate, have negligible fourth differences. Those of measurement
+and command are then the noise's alone, and have C(8, 4) = 70 times its covariance.
 """
 
 from __future__ import annotations

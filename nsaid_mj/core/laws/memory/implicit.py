@@ -105,9 +105,9 @@ class ImplicitMemory:
     def _start(self, theta: Array, memory: Memory) -> Array:
         """(p,) the estimate at which an implicit step starts: θ̂ (p,), or that of the last step.
 
-        It is always inside the cone, unlike a safeguarded filter's. With noisy sensors, (44, 45)
-        also track the noise; if that has increased the cost of the remembered data since the last
-        step, the last step's estimate is used.
+        It must be inside the cone, which a safeguarded filter's estimate may not be. With noisy
+        sensors, (44, 45) also track the noise; if that has increased the cost of the remembered
+        data since the last step, the last step's estimate is used.
         """
         view = memory.scores.view
         if not inside(self.metric.cone, theta):

@@ -1,4 +1,4 @@
-"""Statistics of all past data about θ, in constant memory.
+"""What all past data say about θ, as statistics of constant size.
 
 Every row i of the momentum balance (`momentum`), averaged over short blocks, enters a Gramian
 G_i (p, p). The scores of blocks that follow an estimate show its uncertainty.
@@ -14,7 +14,7 @@ import numpy as np
 from ...log import Log, Measurement, SensorLevels
 from ...parameters import Array
 from ...quotient.gramians import Means
-from ...structure.system import SecondOrderSystem, rebuilt
+from ...structure.system import SecondOrderSystem
 from ..settings import MemoryConfig
 from .feedback import FedBack
 from .momentum import CORRECTION_TIME, Balance, along, correct_drift, steady_gain
@@ -259,5 +259,5 @@ def _displaced(system: SecondOrderSystem) -> list[SecondOrderSystem]:
             higher = replace(contact, radius=contact.radius - contact.sinking)
             moved = (*contacts[:k], higher, *contacts[k + 1 :])
             structure = replace(system.structure, contacts=moved)
-            found.append(rebuilt(system, structure, system.space))
+            found.append(system.rebuilt(structure, system.space))
     return found

@@ -36,13 +36,6 @@ def polynomial(*coefficients: float) -> Array:
     return np.array([len(coefficients), *coefficients])
 
 
-def odd(*coefficients: float) -> Array:
-    """A curve by its coefficients of u, u³, u⁵ and so on."""
-    spread = np.zeros(2 * len(coefficients) - 1)
-    spread[::2] = coefficients
-    return polynomial(*spread)
-
-
 def interpolated(commands: Array, values: Array) -> Array:
     """A curve through `values` at increasing commands; constant beyond the ends."""
     return np.array([-len(commands), *commands, *values])

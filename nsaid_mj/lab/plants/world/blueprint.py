@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from ....base import InvalidInput, Name, Share, config
-from ....core import Array, Block, Operation, Term, of_a_body
+from ....core import Array, Block, Inertia, Operation, Term
 from ....robots import VehicleFiles, folder, vehicle_files
 from .body import BODY, JOINTS, BodyInertia, command_inputs, hidden, vehicle_spec
 from .config import KnownPlant
@@ -57,8 +57,8 @@ class Blueprint:
     rigid: Array  # (6, 6) nominal mass matrix of the rigid body [kg, kg·m, kg·m²]
     terms: Sequence[Term]  # the forces, with their nominal parameters
     operation: Operation  # ranges of velocities and commands
-    # (6, 6, k) tensor of M in `body`; None for the ten parameters of a rigid body
-    tensor: Array | None = None
+    # M in `body`; by default the ten parameters of a rigid body
+    inertia: Inertia = field(default_factory=lambda: Inertia(0, 0))
     added: Array | None = None  # (6, 6) nominal added mass, symmetric; None for a body without
     gravity: float = 0.0  # [m/s²], 0 where weight is a column, or borne
     fluid: Fluid | None = None  # MuJoCo's fluid forces
@@ -72,7 +72,7 @@ class Blueprint:
         """The structure that an identifier may know."""
         from ....core import SingleBody
 
-        return SingleBody(self.body, self.tensor, self.terms, self.operation, self.gravity)
+        return SingleBody(self.body, self.inertia, self.terms, self.operation, self.gravity)
 
     @cached_property
     def theta(self) -> Array:
@@ -100,7 +100,7 @@ class Blueprint:
         """
         acting = theta.copy()
         size = len(self.body)
-        M = self._tensor @ theta[:size]
+        M = self.inertia.whole @ theta[:size]
         if self.added is None:
             acting[:size] = 0.0
             rigid = M
@@ -116,14 +116,11 @@ class Blueprint:
             np.fill_diagonal(rigid[3:, 3:], rigid[5, 5] or rigid[0, 0])
         return BodyInertia.of_matrix(rigid), acting
 
-    @cached_property
-    def _tensor(self) -> Array:
-        return of_a_body(0, 10) if self.tensor is None else self.tensor
-
     def _parameters(self, M: Array) -> Array:
         """(k,) parameters of a mass matrix of this form."""
-        places = [np.argwhere(layer)[0] for layer in np.moveaxis(self._tensor, 2, 0)]
-        return np.array([M[i, j] / self._tensor[i, j, k] for k, (i, j) in enumerate(places)])
+        tensor = self.inertia.whole
+        places = [np.argwhere(layer)[0] for layer in np.moveaxis(tensor, 2, 0)]
+        return np.array([M[i, j] / tensor[i, j, k] for k, (i, j) in enumerate(places)])
 
 
 @config

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ....base import InvalidInput
-from ....core import Array, Indices, Log, Measurement, SecondOrderSystem, displaced
+from ....core import Array, Indices, Log, Measurement, SecondOrderSystem
 from ....robots import Looks, VisualMesh
 from ...control.computed_torque import Tracking
 from ...control.driver import CompiledDriver, Driver
@@ -269,7 +269,7 @@ class Plant(ABC):
         coordinates, v = sensors(*self.coordinates())
         q = self.position(coordinates)
         if self._biases is not None:
-            q = displaced(self.system, q, self._biases[0])
+            q = self.system.displaced(q, self._biases[0])
             v = v + self._biases[1]
         u = driver.command(t, q, v)
         if self.profile is not None:

@@ -31,18 +31,24 @@ class GeomLooks:
 
     def poses(self, q: Array) -> tuple[Array, Array]:
         """World poses of the geoms at positions q (k, m); see `Looks`."""
-        from scipy.spatial.transform import Rotation
-
         places = np.empty((len(q), len(self._drawn), 3))
-        turns = np.empty((len(q), len(self._drawn), 9))
+        turns = np.empty((len(q), len(self._drawn), 4))
+        bodies = self._model.geom_bodyid[self._drawn]
         for k, row in enumerate(q):
             self._place(self._data, row)
             mujoco.mj_kinematics(self._model, self._data)
-            places[k], turns[k] = (
-                part[self._drawn] for part in (self._data.geom_xpos, self._data.geom_xmat)
-            )
-        quaternions = Rotation.from_matrix(turns.reshape(-1, 3, 3)).as_quat()
-        return places, quaternions.reshape(len(q), len(self._drawn), 4)
+            places[k] = self._data.geom_xpos[self._drawn]
+            turns[k] = self._data.xquat[bodies]
+        return places, _turned_by(turns, self._model.geom_quat[self._drawn])
+
+
+def _turned_by(bodies: Array, geoms: Array) -> Array:
+    """Products (x, y, z, w) of MuJoCo's quaternions (…, 4) (w, x, y, z): scipy's import is slow."""
+    w = bodies[..., :1]
+    v = bodies[..., 1:]
+    real = w * geoms[..., :1] - np.sum(v * geoms[..., 1:], axis=-1, keepdims=True)
+    vector = w * geoms[..., 1:] + geoms[..., :1] * v + np.cross(v, geoms[..., 1:])
+    return np.concatenate([vector, real], axis=-1)
 
 
 class SimulatedRobot(Plant):

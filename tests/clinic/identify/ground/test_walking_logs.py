@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.base import NsaidError
+from nsaid_mj.clinic.identify.export import write_models
 from nsaid_mj.clinic.identify.ground.feet import feet_of, imu_pose
 from nsaid_mj.clinic.identify.ground.offsets import at_rest
 from nsaid_mj.clinic.identify.ground.rows import BASE, Ground, GroundRows
@@ -183,3 +184,21 @@ def test_a_site_on_a_leg_is_no_place_of_the_imu(rows: GroundRows) -> None:
     assert imu is not None
     with pytest.raises(BadRobot, match="not on the base"):
         imu_pose(rows.robot, Imu(imu.orientation, imu.gyro, imu.accelerometer, site="left_foot"))
+
+
+def test_gains_under_unknown_contact_forces(log: Walked) -> None:
+    found = identify_forces(str(log.model), [log.log], known={"mass": log.mass})
+    gains = np.array([p.value for p in found.gains])
+    ratio = gains / GAINS
+    assert np.log(ratio).std() < 0.01
+    assert abs(ratio.mean() - 1) < 0.02  # its feet never leave the ground: their mass is the file's
+    assert all(p.low < g < p.high for p, g in zip(found.gains, GAINS, strict=True))
+    assert any(f.code == "stance" for f in found.findings)
+    folder = log.log.parent / "exported"
+    folder.mkdir()
+    files, (replayed,) = write_models(found, folder)
+    assert folder / "tripod.xml" in files
+    own, nominal = (replayed.data[key] for key in ("exported", "nominal"))
+    assert own[0] < 0.2  # type: ignore[index]
+    assert nominal[0] > 0.5  # type: ignore[index]
+    assert "not simulated further, since a foot that touches down" in replayed.text

@@ -168,9 +168,7 @@ def gains_of(system: SecondOrderSystem, actuator: int) -> Indices:
     Raises:
         InvalidInput: there is no such actuator, or its gain is not a parameter.
     """
-    from .....core import gains_by_command
-
-    found = gains_by_command(system)
+    found = system.gains_by_command
     if actuator > system.n_u or not found[actuator - 1].size:
         weak = [str(k) for k, gains in enumerate(found, 1) if gains.size]
         raise InvalidInput(
@@ -247,15 +245,15 @@ class Payload(PlantFault):
 
     def added(self, system: SecondOrderSystem) -> Array:
         """The inertial parameters of a point mass; in water also its weight and moment."""
-        from .....core import point_mass
+        from .....core import PointMasses
 
-        return point_mass(system.space, self.mass, np.array(self.place), self.link)
+        return PointMasses(system.space).change(self.mass, np.array(self.place), self.link)
 
     def what(self, system: SecondOrderSystem) -> str:
         """Such as `1 kg on link 6 is picked up`."""
-        from .....core import carrier
+        from .....core import PointMasses
 
-        return f"{self.mass:g} kg on {self.link or carrier(system.space)} is picked up"
+        return f"{self.mass:g} kg on {self.link or PointMasses(system.space).carrier} is picked up"
 
 
 # -- sensors ---------------------------------------------------------------------------------------

@@ -1,0 +1,131 @@
+"""The clock of a log of a tree of joints without velocities, told by the model's inertia.
+
+Weight does not depend on the clock, inertial forces do by its square. Links may differ from those
+of the model file as files usually do, so that wrong masses are not taken for a wrong clock.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from ...base import pin
+from ...core import Array
+from ...robots import RobotModel
+from .evidence import DELAYS, EXACT, LogMotion, columns_of, driven_joints, late, thinned
+
+_LINKS = 0.25  # relative standard deviation of a file's link parameters
+_NOISE = 0.2  # of a command in a row, over its deviation, against which links are bent
+_CLOCKS = np.array([0.1, 0.2, 0.33, 0.5, 0.6, 0.72, 0.85, 1.0, 1.2, 1.4, 1.7, 2.0, 3.0, 5.0, 10.0])
+_WRONG = 1.25  # factor of a clock from which inertias of a file do not explain it
+_FALLS = 0.8  # ratio of errors above which a clock is not told
+_ALIKE = 1.05  # such a ratio below which two clocks fit alike
+_TOLD = 0.2  # product of the joints' ratios of errors below which a clock is certain
+
+
+class Retimed(NamedTuple):
+    """The number by which all times of a log are to be multiplied, and what speaks for it."""
+
+    scale: float
+    error: float  # of the commands on that clock, geometric mean of the joints
+    plain: float  # on the log's own
+    twice: float  # on a clock that is twice as fast or slow, whichever fits better
+    joints: int  # with a motor
+
+    @property
+    def told(self) -> bool:
+        """Whether the log's own clock is wrong."""
+        ratio = self.error / self.plain
+        apart = abs(np.log(self.scale)) > np.log(_WRONG)
+        return bool(ratio < _FALLS and ratio**self.joints < _TOLD and apart)
+
+    @property
+    def loose(self) -> bool:
+        """Whether a clock that is twice as fast or slow fits as well: inertia hardly acts."""
+        return self.twice < _ALIKE * self.plain
+
+
+class BentLinks:
+    """The commands' errors under the model's links, of parameters that may be off by a quarter.
+
+    `gravity` is another than the model's, in the base's axes; None for that.
+    """
+
+    def __init__(self, robot: RobotModel, motion: LogMotion, gravity: Array | None = None):
+        self._rows, few = thinned(motion)
+        self._motion = motion
+        self._few = few
+        self.joints = driven_joints(robot, motion)
+        model = pin.Model(robot.model)
+        if gravity is not None:
+            model.gravity = pin.Motion(gravity, np.zeros(3))
+        links = [inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]]
+        self._links = np.concatenate(links)
+        self._spread = _LINKS * np.concatenate([_sizes(link) for link in links])
+        data = model.createData()
+        still = np.zeros(model.nv)
+        own = zip(robot.system.position(few.q), few.v, few.a, strict=True)
+        pairs = [
+            [pin.computeJointTorqueRegressor(model, data, q, *rates).copy() for rates in each]
+            for q, each in ((q, ((still, still), (v, a))) for q, v, a in own)
+        ]
+        weight, whole = np.swapaxes(np.array(pairs), 0, 1)
+        self._weight = weight  # (N, n, 10 b)
+        self._inertia = whole - weight
+
+    def error(self, scale: float = 1.0) -> float:
+        """The geometric mean of the joints' errors, with all times multiplied by a number."""
+        errors = [max(self._of_joint(j, scale), EXACT) for j in self.joints]
+        return float(np.exp(np.mean(np.log(errors))))
+
+    def _of_joint(self, j: int, scale: float) -> float:
+        """The least error of a joint's command, of either sign and any delay."""
+        use = self._few.usable[:, j]
+        W = self._weight[use, j] + self._inertia[use, j] / scale**2
+        columns = np.column_stack([W @ self._links, *(x[use] for x in columns_of(self._few, j))])
+        columns = columns - columns.mean(axis=0)
+        size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        bends = (W - W.mean(axis=0)) * self._spread / size[0]
+        directions, strength, _ = np.linalg.svd(bends, full_matrices=False)
+        slower = replace(self._motion, rate=self._motion.rate / scale)
+        best = 1.0
+        for delay in DELAYS:
+            y = late(slower, j, delay, self._rows[use])
+            y = y - y.mean()
+            y = y / max(float(np.linalg.norm(y)), 1e-300)
+            for u in (y, -y):
+                force = scipy.optimize.nnls(columns / size, u)[0][0]
+                bent = force * strength * np.sqrt(len(y)) / _NOISE
+                shrink = 1 / np.sqrt(1 + bent**2) - 1
+
+                def unbent(x: Array, shrink: Array = shrink) -> Array:
+                    along = directions.T @ x
+                    return np.asarray(x + directions @ (shrink * along.T).T)
+
+                best = min(best, scipy.optimize.nnls(unbent(columns / size), unbent(u))[1])
+        return float(best)
+
+
+def retimed(links: BentLinks) -> Retimed:
+    """The clock on which the commands fit best, beside the log's own."""
+    errors = [links.error(float(scale)) for scale in _CLOCKS]
+    best = int(np.argmin(errors))
+    grid = np.log(_CLOCKS)
+    around = (grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)])
+    found = scipy.optimize.minimize_scalar(
+        lambda x: links.error(float(np.exp(x))), bounds=around, options={"maxiter": 12}
+    )
+    of = dict(zip(_CLOCKS.tolist(), errors, strict=True))
+    twice = min(of[0.5], of[2.0])
+    return Retimed(float(np.exp(found.x)), float(found.fun), of[1.0], twice, len(links.joints))
+
+
+def _sizes(link: Sequence[float]) -> Array:
+    """(10,) sizes of a link's mass, first moments and inertias."""
+    moments = float(np.linalg.norm(link[1:4]))
+    inertia = link[4] + link[6] + link[9]  # xx, xy, yy, xz, yz, zz
+    return np.array([link[0], *[moments] * 3, *[inertia] * 6])
