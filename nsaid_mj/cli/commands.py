@@ -208,9 +208,9 @@ def _run(name: str, default: Scenario, arguments: Sequence[str]) -> int:
     elif not output.quiet:
         print_result(title, result, finished.folder)
     judged = getattr(finished.scenario.identifier, "law", "") in {"memory", "efficient"}
-    if judged and _code(finished, result) == INTERRUPTED and not output.quiet:
+    if judged and _code(finished, result) == ExitCode.INTERRUPTED and not output.quiet:
         again = shlex.join(["nsaid", "view", "--rebuild", str(finished.folder)])
-        _say(f"interrupted; `{again}` judges the misfit, too", INTERRUPTED)
+        _say(f"interrupted; `{again}` judges the misfit, too", ExitCode.INTERRUPTED)
     return _code(finished, result)
 
 

@@ -116,7 +116,7 @@ def _follow_walking(chosen: ToFollow, joints: tuple[str, ...], lines: Lines) -> 
             print((folder / RESULT).read_text(encoding="utf-8"), end="")
         elif not chosen.quiet:
             print_page(page, Console(), written)
-    return code_of(page.result)
+    return ExitCode.of(page.result)
 
 
 def _send(estimate: LiveEstimate) -> None:

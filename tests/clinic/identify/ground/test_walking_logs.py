@@ -12,7 +12,7 @@ from nsaid_mj.clinic.identify.ground.feet import feet_of, imu_pose
 from nsaid_mj.clinic.identify.ground.offsets import at_rest
 from nsaid_mj.clinic.identify.ground.rows import BASE, Ground, GroundRows
 from nsaid_mj.clinic.identify.ground.search import expected_gains, filter_of
-from nsaid_mj.clinic.identify.identify import recordings_of
+from nsaid_mj.clinic.identify.identify import identify_forces, recordings_of
 from nsaid_mj.clinic.identify.inspection import inspect
 from nsaid_mj.clinic.identify.models import floating, load_robot_model
 from nsaid_mj.clinic.logs.first_map import first_map
