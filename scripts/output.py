@@ -141,7 +141,7 @@ def section(story: Story) -> str:
         words = story.made(Path(folder))
         text = printed(words, Path(folder))
     command = shlex.join(["nsaid", "identify", *words])
-    return f"## {story.title}\n\n{story.lead}\n\n```text\n$ {command}\n\n{text}\n```\n"
+    return f"## {story.title}\n\n{story.lead}\n\n`{command}` prints\n\n```text\n{text}\n```\n"
 
 
 HEAD = """\
