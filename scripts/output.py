@@ -153,8 +153,7 @@ are findings, the gravest first (✘ ▲ ·); the tables hold every gain and fri
 interval; [your_robot.md](your_robot.md#4-read-the-result) explains the marks. In a pipe nothing is
 folded or left out.
 
-The logs are simulated, with noisy sensors; `python -m scripts.output` makes this page, and with
-`--check` compares it.
+The logs are simulated, with noisy sensors; `scripts/output.py` makes this page, and compares it.
 """
 
 
