@@ -15,7 +15,7 @@ from .checks import check_live, names_in
 
 if TYPE_CHECKING:
     from ...lab import Observer
-    from ..session import LiveEstimate
+    from ..session import LiveEstimate, Session
     from ..walking import Lines
     from .given import ToFollow
 
@@ -54,12 +54,8 @@ def follow_robot(chosen: ToFollow) -> int:
             progress.say("loading kernels")
             session.warm_up()
         lines = given or (standard_input() if chosen.udp is None else bound(chosen.udp))
-        space = session.robot.system.space
-        system = session.robot.system
         if chosen.json:
-            widths = {"q": system.m, "v": system.n, "u": system.n_u}
-            head = {"names": space.names, "units": space.units, "widths": widths}
-            print(json.dumps(head | {"folder": str(folder)}, allow_nan=False), flush=True)
+            _print_head(session, folder)
         elif given is None:
             _wait_for(chosen, name)
         observers: list[Observer] = []
@@ -80,6 +76,14 @@ def follow_robot(chosen: ToFollow) -> int:
     elif not chosen.quiet:
         print_result(f"{name} live", result, folder)
     return ExitCode.of(result)
+
+
+def _print_head(session: Session, folder: Path) -> None:
+    """Prints the first line of JSON: parameters and the numbers of values of a sample."""
+    system = session.robot.system
+    widths = {"q": system.m, "v": system.n, "u": system.n_u}
+    head = {"names": system.space.names, "units": system.space.units, "widths": widths}
+    print(json.dumps(head | {"folder": str(folder)}, allow_nan=False), flush=True)
 
 
 def _wait_for(chosen: ToFollow, name: str) -> None:

@@ -266,8 +266,9 @@ def _rival_problems(
         yield other.problem(found.choice)
     if rows.recordings.feedback is not None and found.delays is not None:
         # rows do not show how a joint moves while its target holds, which looks like a delay
-        yield rows.problem(replace(found.choice, delay=found.choice.delay + found.delays.deviation))
-        # jerky targets shake a light joint, and its friction acts like damping the more it is shaken
+        late = found.choice.delay + found.delays.deviation
+        yield rows.problem(replace(found.choice, delay=late))
+        # jerky targets shake a light joint, whose friction acts like damping the more it is shaken
         yield rows.leading(_LEAD).problem(found.choice)
 
 

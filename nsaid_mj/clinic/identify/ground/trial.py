@@ -90,30 +90,9 @@ def required(robot: RobotModel, mj: Any, q: Array, v: Array, a: Array) -> Array:
     Velocities (N, 6 + k) and accelerations are along the base's axes, a base at rest has no weight.
     """
     data = mujoco.MjData(mj)
-    joints = JointMap(mj, robot.joints)
-    ids = [mj.joint(name).id for name in robot.joints]
-    dof = mj.jnt_dofadr[ids]
     (free,) = [j for j in range(mj.njnt) if mj.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE]
-    place = int(mj.jnt_qposadr[free])
-    base = int(mj.jnt_dofadr[free])
-    found = np.empty_like(v)
-    for k in range(len(q)):
-        joints.write(data, q[k, 7:], v[k, BASE:])
-        turn = Rotation.from_quat(q[k, 3:7]).as_matrix()
-        data.qpos[place : place + 3] = 0.0
-        data.qpos[place + 3 : place + 7] = q[k, [6, 3, 4, 5]]
-        data.qvel[base : base + 3] = turn @ v[k, :3]
-        data.qvel[base + 3 : base + 6] = v[k, 3:6]
-        data.qacc[:] = 0.0
-        data.qacc[base : base + 3] = turn @ (a[k, :3] + np.cross(v[k, 3:6], v[k, :3]))
-        data.qacc[base + 3 : base + 6] = a[k, 3:6]
-        data.qacc[dof] = a[k, BASE:]
-        mujoco.mj_inverse(mj, data)
-        own = data.qfrc_inverse
-        found[k, :3] = turn.T @ own[base : base + 3]
-        found[k, 3:6] = own[base + 3 : base + 6]
-        found[k, BASE:] = own[dof]
-    return found
+    joints = JointMap(mj, [free, *robot.joints])
+    return np.array([joints.inverse_dynamics(mj, data, *row) for row in zip(q, v, a, strict=True)])
 
 
 def _limb_of(robot: RobotModel, body: int, limbs: list[list[int]]) -> list[int]:

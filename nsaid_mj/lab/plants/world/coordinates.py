@@ -107,7 +107,7 @@ class JointMap:
 
     Args:
         model: MuJoCo's model.
-        names: names of the joints in the system's order; the first may be a free joint.
+        names: names or numbers of the joints in the system's order; the first may be a free joint.
         circular: for each 1-DOF joint, whether q holds its cosine and sine; empty if none does.
         planar: whether the joints are those along x, along y and about z of a body in the plane.
 
@@ -121,7 +121,7 @@ class JointMap:
     def __init__(
         self,
         model: Any,
-        names: Sequence[str],
+        names: Sequence[str | int],
         circular: Sequence[bool] = (),
         planar: bool = False,
     ):
@@ -151,15 +151,12 @@ class JointMap:
     def write(self, data: Any, numbers: Array, velocity: Array) -> None:
         """Sets qpos and qvel from position numbers (n,) and velocities (n,)."""
         at = self.reading.free[0]
-        rates = np.array(velocity, dtype=np.float64)
         first = 6 if at >= 0 else 0
         if first:
             x, y, z, w = quaternion_of(np.asarray(numbers[3:6], dtype=np.float64))
             data.qpos[at : at + 7] = [*numbers[:3], w, x, y, z]
         data.qpos[self.qpos] = numbers[first:]
-        R = self._axes(data)
-        rates[: len(R)] = R @ rates[: len(R)]
-        data.qvel[self.dof] = rates
+        data.qvel[self.dof] = self._from_base(data, velocity)
 
     def place(self, data: Any, q: Array) -> None:
         """Sets qpos from the system's position q (m,)."""
@@ -181,6 +178,18 @@ class JointMap:
         own = self._into_base(data, data.qfrc_bias[self.dof])
         return own + self.mass_matrix(model, data) @ self._turning(data)
 
+    def inverse_dynamics(self, model: Any, data: Any, q: Array, v: Array, a: Array) -> Array:
+        """(n,) forces that MuJoCo's inverse dynamics require of a motion, for the system's v.
+
+        q (m,) is the system's position, v (n,) and a (n,) are its v and v̇.
+        """
+        self.place(data, q)
+        data.qvel[self.dof] = self._from_base(data, v)
+        data.qacc[:] = 0.0
+        data.qacc[self.dof] = self._from_base(data, a + self._turning(data))
+        mujoco.mj_inverse(model, data)
+        return self._into_base(data, data.qfrc_inverse[self.dof])
+
     def acceleration(self, data: Any) -> Array:
         """(n,) time derivative of the system's v, from MuJoCo's current qacc."""
         return self._into_base(data, data.qacc[self.dof]) - self._turning(data)
@@ -201,6 +210,13 @@ class JointMap:
         R = self._axes(data)
         turned = rows.copy()
         turned[: len(R)] = R.T @ rows[: len(R)]
+        return turned
+
+    def _from_base(self, data: Any, v: Array) -> Array:
+        """T⁻¹ v, of v (n,)."""
+        R = self._axes(data)
+        turned = np.array(v, dtype=np.float64)
+        turned[: len(R)] = R @ turned[: len(R)]
         return turned
 
     def _turning(self, data: Any) -> Array:
