@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +54,19 @@ def test_studies_without_rerun_leave_out_their_recording(tmp_path: Path, command
     assert done.returncode in (0, 1) and "Traceback" not in done.stderr, done.stderr
     made = {path.name for path in (tmp_path / "made").iterdir()}
     assert "report.html" in made and not any(name.endswith(".rrd") for name in made)
+
+
+def test_what_records_is_imported_only_where_rerun_is_installed() -> None:
+    """An identification took minutes, and then ended in a ModuleNotFoundError."""
+    package = Path(__file__).parents[2] / "nsaid_mj"
+    found = 0
+    for path in package.rglob("*.py"):
+        lines = path.read_text(encoding="utf-8").splitlines()
+        for before, line in pairwise(lines):
+            if re.match(r"\s+from \.[\w.]*recording(\.run)? import ", line):
+                assert 'installed("rerun")' in before, (path, line)
+                found += 1
+    assert found > 4
 
 
 @pytest.mark.parametrize(
