@@ -17,7 +17,7 @@ from nsaid_mj.core.laws.base import Confidence
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.lab.evaluation.confidence import INTERVAL
 from nsaid_mj.lab.evaluation.running import RunningMisfit
-from nsaid_mj.watch import running_misfit
+from nsaid_mj.watch import Misfit
 from scripts.machine import machine
 from tests.court.cases import drawn
 from tests.court.simulation import NotRun, Simulated, simulated
@@ -42,7 +42,7 @@ def misses(found: Simulated) -> tuple[Array, Array, str]:
         ratio = state.theta_hat[space.actuators] / truth
         error = np.abs(ratio / ratio.mean() - 1)
         own = None
-        if running_misfit(state) != "contradicts":
+        if Misfit.during(state) != "contradicts":
             own = identifier.confidence(state)
         own = Confidence.of_gains(own, state.theta_hat, space)
         for rows, deviation in ((alone, own), (judged, misfit.deviations(state))):

@@ -33,7 +33,7 @@ from ..base import (
 )
 from ..lab import load
 from ..report import ExitCode
-from ..robots import MORE_ROBOTS, has_example_robots, known_robots, scenarios
+from ..robots import listed_robots, scenarios
 from .process import ending_like_ctrl_c, open_streams, silence
 
 if TYPE_CHECKING:
@@ -301,11 +301,8 @@ def _list() -> int:
         title = path.read_text(encoding="utf-8").split('"""')[1].strip().splitlines()[0]
         print(f"  {name:16} {title}")
     print("\nRobots, for `nsaid run arm --robot NAME` (or the path of a URDF file):")
-    names = known_robots()
-    for start in range(0, len(names), 4):
-        print("  " + "".join(f"{name:28}" for name in names[start : start + 4]).rstrip())
-    if not has_example_robots():
-        print(f"  {MORE_ROBOTS}")
+    for line in listed_robots():
+        print(f"  {line}")
     return 0
 
 

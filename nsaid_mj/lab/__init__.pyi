@@ -228,15 +228,6 @@ from .progress import Progress as Progress
 # Shows a transient bar of a study on the standard error; `done` is the format of its count.
 from .progress import counted as counted
 
-# Another key: whether u is the targets after a profile's limits and smoothing.
-from .record import PROFILED as PROFILED
-
-# Name of the file of a record.
-from .record import RECORD_FILE as RECORD_FILE
-
-# Key of a record's metadata: (n_u,) delays [s] of a servo arm's targets, after which u acts.
-from .record import TARGET_DELAYS as TARGET_DELAYS
-
 # The record of a run, read from its file.
 from .record import Record as Record
 

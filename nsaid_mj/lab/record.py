@@ -145,6 +145,16 @@ class Record:
     def __getitem__(self, name: str) -> Array:
         return self.columns[name]
 
+    @property
+    def target_delays(self) -> list[float] | None:
+        """(n_u,) delays of position servos' targets [s]; None if commands are no targets."""
+        return self.metadata.get(TARGET_DELAYS)
+
+    @property
+    def profiled(self) -> bool:
+        """Whether a profile was applied to the targets."""
+        return bool(self.metadata.get(PROFILED))
+
     def rows(self, name: str, rows: int | slice | Indices) -> Array:
         """Some rows of a column, which an `opened` record reads without all the others."""
         if isinstance(self.columns, _Stored):

@@ -153,9 +153,6 @@ from .plots import style as style
 # Renders a figure as an SVG element for an HTML page with other drawings.
 from .plots import svg as svg
 
-# Share of the window that the first page's plots take.
-from .recording.layout import RIGHT as RIGHT
-
 # Layout of a finished run, of the curves in its recording.
 from .recording.layout import blueprint as blueprint
 
@@ -177,35 +174,17 @@ from .recording.layout import views_beside as views_beside
 # Pages as tabs, the first one open, without the viewer's panels.
 from .recording.layout import whole_blueprint as whole_blueprint
 
-# Prefix of entities of logarithms, of panels with a logarithmic axis, which Rerun has not.
-from .recording.lines import LOGARITHM as LOGARITHM
-
 # Curves over the same times, of one Rerun entity.
 from .recording.lines import Lines as Lines
 
-# The lines of panels over time that have a key.
-from .recording.lines import lines_of as lines_of
-
-# An entity path made of parts; characters that would need an escape become underscores.
-from .recording.lines import path as path
-
 # Makes plots whose legends stand beside the curves, in an empty part of the time axis.
 from .recording.plots import Plots as Plots
-
-# Entity of the body of a vehicle.
-from .recording.scene import BODY as BODY
-
-# Entity of the robot.
-from .recording.scene import ROBOT as ROBOT
 
 # The camera of a 3D view, in world coordinates.
 from .recording.scene import Camera as Camera
 
 # Draws a robot into a recording, from shapes and poses only; it reads no true value.
 from .recording.scene import Scene as Scene
-
-# Indices of the body axes x, y, z of a vehicle's linear velocities; empty for an arm.
-from .recording.scene import body_axes as body_axes
 
 # (k, j, 3) points (j, 3) or (k, j, 3) rotated by quaternions (k, 4) in x, y, z, w order.
 from .recording.scene import rotated as rotated

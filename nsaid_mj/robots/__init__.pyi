@@ -1,8 +1,5 @@
 """The door of `robots`: what other houses may use."""
 
-# Remedy where a name is unknown and example-robot-data is not installed.
-from .assets import MORE_ROBOTS as MORE_ROBOTS
-
 # The files that describe a vehicle.
 from .assets import VehicleFiles as VehicleFiles
 
@@ -12,11 +9,8 @@ from .assets import asset as asset
 # The path of the folder `assets` or `scenarios`.
 from .assets import folder as folder
 
-# Whether example-robot-data and its loaders are installed.
-from .assets import has_example_robots as has_example_robots
-
-# The names of all robots that are packed or, if it is installed, in example-robot-data.
-from .assets import known_robots as known_robots
+# Lines with the names of all robots, and how to get more.
+from .assets import listed_robots as listed_robots
 
 # A vehicle's published numbers, from its vehicle.toml; sources are in its SOURCE.md.
 from .assets import published_numbers as published_numbers

@@ -109,3 +109,11 @@ def known_robots() -> list[str]:
 def scenarios() -> dict[str, Path]:
     """All scenario scripts by name."""
     return {path.stem: path for path in sorted(folder("scenarios").glob("[!_]*.py"))}
+
+
+def listed_robots() -> list[str]:
+    """Lines with the names of all robots, and how to get more."""
+    names = known_robots()
+    rows = (names[start : start + 4] for start in range(0, len(names), 4))
+    lines = ["".join(f"{name:28}" for name in row).rstrip() for row in rows]
+    return lines if has_example_robots() else [*lines, MORE_ROBOTS]

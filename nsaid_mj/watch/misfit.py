@@ -24,6 +24,8 @@ Each octave of the spectrum therefore has its own test; so has each single frequ
 motions. The reference level is the mean of the upper half of the spectrum, but at least 1.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -97,9 +99,7 @@ def _judged(sums: Array, shape: Array, first: Indices, level: Array) -> Whitenes
     return Whiteness(float(chance.min() * chance.size), energy, int(channel), float(period))
 
 
-NONE, SOME, CONTRADICTS = LEVELS = ("none", "some", "contradicts")
-LONGEST = 120.0  # length of log that is judged, its end [s]
-FEWEST = 50  # rows that can be judged; the run that warms up has as many
+NONE, SOME, CONTRADICTS = ("none", "some", "contradicts")
 SETTLED = 1 / 3  # share of it in which the filter may still learn
 REPEATED = 2  # contradictions that are no single event, such as a collision
 LARGE = 1.3  # mean squared normalised innovation that is more than an error of the noise level
@@ -126,50 +126,91 @@ class Misfit(NamedTuple):
     widening: float = 1.0  # factor ≥ 1 on stated standard deviations that accounts for the misfit
     drift: float = 0.0  # largest mean relative rate at which a gain drifts [1/min]; 0 if constant
 
+    LEVELS = (NONE, SOME, CONTRADICTS)
+    LONGEST = 120.0  # length of log that is judged, its end [s]
+    FEWEST = 50  # rows that can be judged; the run that warms up has as many
+
     def keys(self) -> dict[str, Any]:
         """The keys of summary.json."""
         others = zip(self._fields[1:], self[1:], strict=True)
         return {"misfit": self.level} | {f"misfit_{name}": value for name, value in others}
 
+    @staticmethod
+    def during(state: State) -> str:
+        """The level during a run, from the law's state alone; "" for a law without a filter.
 
-def running_misfit(state: State) -> str:
-    """The level during a run, from the law's state alone; "" for a law without a filter.
+        It is based on all innovations so far, and on contradictions that no fault explains. Early
+        contradictions, which a wrong prior causes as well, no longer count once the filter has
+        explained two thirds of the motion.
+        """
+        own = state.own
+        if not isinstance(own, EfficientState):
+            return ""
+        squares, number = own.filter.totals
+        late = own.calm < (1 - SETTLED) * state.t
+        if late and own.restarts + kept_of(own).unnamed > REPEATED:
+            return CONTRADICTS
+        return SOME if number and squares > LARGE * number else NONE
 
-    It is based on all innovations so far, and on contradictions that no fault explains. Early
-    contradictions, which a wrong prior causes as well, no longer count once the filter has
-    explained two thirds of the motion.
-    """
-    own = state.own
-    if not isinstance(own, EfficientState):
-        return ""
-    squares, number = own.filter.totals
-    late = own.calm < (1 - SETTLED) * state.t
-    if late and own.restarts + kept_of(own).unnamed > REPEATED:
-        return CONTRADICTS
-    return SOME if number and squares > LARGE * number else NONE
+    @staticmethod
+    def of_estimate(
+        estimator: KalmanFilter,
+        theta: Array,
+        stated: Confidence | None,
+        prior: Array,
+        log: Log,
+        rest: Callable[[], None] | None = None,
+    ) -> Misfit:
+        """The misfit of a log for an estimate θ̂ (p,), with its covariance if any; prior is θ̂(0).
 
+        `rest` is that of `replay`.
+        """
+        space = estimator.system.space
+        theta = _sound(space, theta, prior)
+        scale = space.scale
+        P = estimator.covariance(theta)
+        if stated is not None:
+            P = _no_wider(stated.covariance / np.outer(scale, scale), P)
+        return judged(estimator, theta, P, log, rest)
 
-def judged_drift(estimator: KalmanFilter, along: Array, variance: float, log: Log) -> Misfit:
-    """The misfit of a log of N measurements with drifting gains and θ̂ (N, p).
+    @staticmethod
+    def of_drift(estimator: KalmanFilter, along: Array, variance: float, log: Log) -> Misfit:
+        """The misfit of a log of N measurements with drifting gains and θ̂ (N, p).
 
-    In one pass, as the gains change along the log. `variance` is that of a gain's random walk per
-    second, relative to the gain [1/s].
-    """
-    space = estimator.system.space
-    k = space.actuators
-    minutes = float(log.t[-1] - log.t[0]) / 60
-    walking = estimator.walking(walks(space, 0.0, variance))
-    theta = _sound(space, np.array(along[0]), np.array(along[-1]))
-    own = replay(walking, theta, _VAGUE**2 * estimator.covariance(theta), log)
-    one, energy = _judged_pass(own, log)
-    if one.level == NONE:
-        one = one._replace(level=SOME)
-        energy = 0.0
-    rates = np.abs(along[-1][k] / np.where(along[0][k] == 0, np.inf, along[0][k]) - 1) / minutes
-    drift = float(np.where(along[0][k] == 0, 0.0, rates).max())
-    widening = float(np.sqrt(1 + energy))
-    chance = min(1.0, one.chance)
-    return one._replace(seconds=60 * minutes, chance=chance, widening=widening, drift=drift)
+        In one pass, as the gains change along the log. `variance` is that of a gain's random walk
+        per second, relative to the gain [1/s].
+        """
+        space = estimator.system.space
+        k = space.actuators
+        minutes = float(log.t[-1] - log.t[0]) / 60
+        walking = estimator.walking(walks(space, 0.0, variance))
+        theta = _sound(space, np.array(along[0]), np.array(along[-1]))
+        own = replay(walking, theta, _VAGUE**2 * estimator.covariance(theta), log)
+        one, energy = _judged_pass(own, log)
+        if one.level == NONE:
+            one = one._replace(level=SOME)
+            energy = 0.0
+        rates = np.abs(along[-1][k] / np.where(along[0][k] == 0, np.inf, along[0][k]) - 1) / minutes
+        drift = float(np.where(along[0][k] == 0, 0.0, rates).max())
+        widening = float(np.sqrt(1 + energy))
+        chance = min(1.0, one.chance)
+        return one._replace(seconds=60 * minutes, chance=chance, widening=widening, drift=drift)
+
+    @staticmethod
+    def worst(found: list[Misfit]) -> Misfit:
+        """The misfit of several parts of a log: the worst level, the widening of the last part."""
+        times = tuple(time for one in found for time in one.contradictions)
+        level = max((one.level for one in found), key=Misfit.LEVELS.index)
+        seconds = sum(one.seconds for one in found)
+        innovations = sum(one.innovations * one.seconds for one in found) / seconds
+        last = found[-1]
+        return last._replace(
+            level=CONTRADICTS if len(times) >= REPEATED else level,
+            contradictions=times,
+            innovations=innovations,
+            seconds=seconds,
+            chance=min(one.chance for one in found),
+        )
 
 
 def _sound(space: ParameterSpace, theta: Array, prior: Array) -> Array:
@@ -180,43 +221,6 @@ def _sound(space: ParameterSpace, theta: Array, prior: Array) -> Array:
     if Cone.of(space).contains(theta):
         return theta
     return drawn_inside(space, theta, 0.0, np.random.default_rng(0))
-
-
-def worst_of(found: list[Misfit]) -> Misfit:
-    """The misfit of several parts of a log: the worst level, and the widening of the last part."""
-    times = tuple(time for one in found for time in one.contradictions)
-    level = max((one.level for one in found), key=LEVELS.index)
-    seconds = sum(one.seconds for one in found)
-    innovations = sum(one.innovations * one.seconds for one in found) / seconds
-    last = found[-1]
-    return last._replace(
-        level=CONTRADICTS if len(times) >= REPEATED else level,
-        contradictions=times,
-        innovations=innovations,
-        seconds=seconds,
-        chance=min(one.chance for one in found),
-    )
-
-
-def judged_estimate(
-    estimator: KalmanFilter,
-    theta: Array,
-    stated: Confidence | None,
-    prior: Array,
-    log: Log,
-    rest: Callable[[], None] | None = None,
-) -> Misfit:
-    """The misfit of a log for an estimate θ̂ (p,), with its covariance if any; prior is θ̂(0).
-
-    `rest` is that of `replay`.
-    """
-    space = estimator.system.space
-    theta = _sound(space, theta, prior)
-    scale = space.scale
-    P = estimator.covariance(theta)
-    if stated is not None:
-        P = _no_wider(stated.covariance / np.outer(scale, scale), P)
-    return judged(estimator, theta, P, log, rest)
 
 
 def judged(
@@ -235,7 +239,7 @@ def judged(
         found.append(_judged_pass(own, log))
         if found[-1][0].level == NONE:
             break
-    best, energy = min(found, key=lambda one: (LEVELS.index(one[0].level), -one[0].chance))
+    best, energy = min(found, key=lambda one: (Misfit.LEVELS.index(one[0].level), -one[0].chance))
     if best.level == NONE and best.chance >= _DOUBTFUL:
         energy = 0.0
     anew = replay(estimator, theta, estimator.covariance(theta), log, rest)

@@ -13,7 +13,7 @@ import pytest
 
 from nsaid_mj.core.laws.base import Confidence
 from nsaid_mj.lab.evaluation.run_misfit import filter_of
-from nsaid_mj.watch import judged_estimate, widened
+from nsaid_mj.watch import Misfit, widened
 from tests.court.cases import LAWS, Case, drawn
 from tests.court.command import cases, line_of
 from tests.court.simulation import simulated
@@ -79,7 +79,7 @@ def test_a_weakly_coupled_gain_is_not_stated_more_surely_than_it_is_known():
     state, _ = identifier.follow(identifier.init(log.at(0)), log)
     alone, stated = filter_of(setup.scenario, setup.system), identifier.confidence(state)
     assert alone is not None and stated is not None
-    judged = judged_estimate(alone, state.theta_hat, stated, setup.prior, log)
+    judged = Misfit.of_estimate(alone, state.theta_hat, stated, setup.prior, log)
     ratio = state.theta_hat[space.actuators] / setup.plant.truth[space.actuators]
     error = np.abs(ratio / ratio.mean() - 1)
     own, wider = (

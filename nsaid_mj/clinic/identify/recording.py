@@ -13,8 +13,6 @@ import rerun.blueprint as rrb
 
 from ...core import Array
 from ...report import (
-    LOGARITHM,
-    RIGHT,
     Camera,
     Comparison,
     Page,
@@ -23,8 +21,6 @@ from ...report import (
     Text,
     folds,
     item_lines,
-    lines_of,
-    path,
     result_view,
     robot_view,
     table,
@@ -67,12 +63,11 @@ def record(page: Page, file: Path) -> Path:
             q, v = poses(result.robot, result.recordings, segment)
         motion.append((segment.log.t + shift, q, v))
     camera, draw = moving_robot(result.robot, motion)
-    lines = lines_of(result.curves)
     ends = [float(p.t[-1]) for p in result.curves if isinstance(p, Comparison) and len(p.t)]
-    plots = Plots(lines, max(ends) if ends else None)
+    plots = Plots.of(result.curves, max(ends) if ends else None)
     layout = _blueprint(result, camera, plots)
     documents = {"result": page.markdown(), "parameters": "\n".join(item_lines(folds(result)))}
-    return write_recording(file, result.robot.name, layout, documents, lines, draw)
+    return write_recording(file, result.robot.name, layout, documents, plots.curves, draw)
 
 
 def moving_robot(
@@ -137,16 +132,19 @@ def _blueprint(found: Identification, camera: Camera | None, plots: Plots) -> rr
     blocks = sorted(panel.key[1] for panel in over_time if not panel.page)
     gains = [p for p in found.gains if p.block in blocks]
     note = " and its 95 % interval, the common scale aside"
-    shown = [(path("estimate", p.block, p.label), f"{p.label} [{p.unit}]{note}") for p in gains]
+    shown = [
+        (Plots.entity("estimate", p.block, p.label), f"{p.label} [{p.unit}]{note}") for p in gains
+    ]
     pages += paged("Gains along the log", plots, shown)
     rest = [b for b in blocks if b not in {p.block for p in gains}]
     kinds = {b: {p.unit for p in found.parameters if p.block == b} for b in rest}
     shown = [
-        (path("estimate", b), f"{b} [{min(of)}]" if len(of) == 1 else b) for b, of in kinds.items()
+        (Plots.entity("estimate", b), f"{b} [{min(of)}]" if len(of) == 1 else b)
+        for b, of in kinds.items()
     ]
     pages += paged("Friction along the log", plots, shown)
     relative = [
-        (LOGARITHM + path(*panel.key), f"{panel.title} over the batch fit, log₁₀")
+        (Plots.entity(*panel.key, logarithm=True), f"{panel.title} over the batch fit, log₁₀")
         for panel in over_time
         if panel.page
     ]
@@ -160,7 +158,7 @@ _Joint = tuple[str, str, float, str]  # name, unit, error, and the error in word
 def _titles(entity: str, joints: Sequence[_Joint]) -> list[tuple[str, str]]:
     """Entities and titles of the joints' plots."""
     return [
-        (f"{entity}/{path(name)}", f"{name}{f' [{unit}]' if unit else ''}: {error}")
+        (f"{entity}/{Plots.entity(name)}", f"{name}{f' [{unit}]' if unit else ''}: {error}")
         for name, unit, _, error in joints
     ]
 
@@ -182,12 +180,14 @@ def joint_pages(
     errors = [-error if math.isfinite(error) else -math.inf for _, _, error, _ in joints]
     worst = sorted(np.argsort(errors, kind="stable")[:_FIRST].tolist())
     columns = 1 if len(worst) < 4 else 2
-    grid = plots.grid([plots(*shown[j], RIGHT / columns) for j in worst], columns)
+    grid = plots.grid([plots(*shown[j], Plots.RIGHT / columns) for j in worst], columns)
     pages: list[rrb.Container] = [views_beside(left, grid, "Overview", [1, 1])]
     if len(joints) > _FIRST:
         pages += paged(f"{entity.capitalize()}s", plots, shown)
     units = [(name, unit and f" [{unit}]") for name, unit, *_ in joints]
-    residuals = [(f"residual/{path(j)}", f"{j}: measured - {computed}{unit}") for j, unit in units]
+    residuals = [
+        (f"residual/{Plots.entity(j)}", f"{j}: measured - {computed}{unit}") for j, unit in units
+    ]
     return pages + paged("Residuals", plots, residuals, legend=False)
 
 
@@ -240,8 +240,7 @@ def record_servos(page: Page, replayed: Replayed, file: Path) -> Path:
         for own, log in zip(times, logs, strict=True)
     ]
     camera, draw = moving_robot(found.robot, motion)
-    lines = lines_of(comparisons)
-    plots = Plots(lines, float(t[-1]), _SHOWN if t[-1] > 2 * _SHOWN else None)
+    plots = Plots.of(comparisons, float(t[-1]), _SHOWN if t[-1] > 2 * _SHOWN else None)
     joints = [
         (
             servo.name,
@@ -262,4 +261,4 @@ def record_servos(page: Page, replayed: Replayed, file: Path) -> Path:
     ]
     documents = {"result": page.markdown(), "parameters": "\n".join(item_lines(by_joint))}
     layout = whole_blueprint(*pages, parameters())
-    return write_recording(file, found.robot.name, layout, documents, lines, draw)
+    return write_recording(file, found.robot.name, layout, documents, plots.curves, draw)

@@ -21,9 +21,16 @@ class SensedKinematics(StructuredKinematics):
     Attributes:
         own_names: names of the velocities after a body's twist, such as those of joints; they are
             numbered where there is not one for each.
+        vertical: whether it is a body that moves along the vertical alone.
     """
 
     own_names: Sequence[str] = ()
+    vertical = False
+
+    @property
+    def body_axes(self) -> list[int]:
+        """Indices of the body axes x, y, z of a vehicle's linear velocities; empty for an arm."""
+        return [2] if self.vertical else {6: [0, 1, 2], 3: [0, 1], 0: []}[self.group]
 
     @property
     def velocity_labels(self) -> list[str]:

@@ -54,7 +54,8 @@ class SingleBody(SecondOrderSystem):
         )
         super().__init__(robot, space, mounts_of(space, columns, np.nan if n > 1 else 0.0))
         self.operation = operation
-        self.own_names = ["heave"] if n == 1 else []
+        self.vertical = n == 1
+        self.own_names = ["heave"] if self.vertical else []
 
     @classmethod
     def of(cls, system: SecondOrderSystem, blocks: Sequence[str], wanted: str) -> SingleBody:

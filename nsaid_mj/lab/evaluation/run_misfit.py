@@ -52,7 +52,7 @@ def misfit_of(run: Run) -> Misfit | None:
     estimator = filter_of(run.scenario, system)
     if estimator is None or run.scenario.record_every != 1:
         return None
-    from ...watch import judged_drift, judged_estimate, worst_of
+    from ...watch import Misfit
 
     found: list[Misfit] = []
     stated = run.identifiers[""].confidence(run.states[""]) if "" in run.states else None
@@ -63,13 +63,13 @@ def misfit_of(run: Run) -> Misfit | None:
         if drift is None:
             theta = np.array(record.rows("theta_hat", rows.stop - 1))
             own = stated if last else None
-            found.append(judged_estimate(estimator, theta, own, run.prior, acting))
+            found.append(Misfit.of_estimate(estimator, theta, own, run.prior, acting))
         else:
             start, variance = drift
             along = record.rows("theta_hat", rows)[start:]
             acting = acting.part(start, len(acting.t))
-            found.append(judged_drift(estimator, along, variance, acting))
-    return worst_of(found) if found else None
+            found.append(Misfit.of_drift(estimator, along, variance, acting))
+    return Misfit.worst(found) if found else None
 
 
 def _drifting(run: Run, log: Log, rows: slice) -> tuple[int, float] | None:
@@ -77,27 +77,27 @@ def _drifting(run: Run, log: Log, rows: slice) -> tuple[int, float] | None:
 
     Also the variance of a gain's random walk per second [1/s]; None if gains are constant.
     """
-    from ...watch import FEWEST, drift_of
+    from ...watch import Misfit, drift_of
 
     drift, since = drift_of(run.states[""]) if "" in run.states else (0.0, 0.0)
     if not drift:
         return None
     start = int(np.searchsorted(log.t, since + 1e-9))
-    return (start, drift) if rows.stop - rows.start - start >= FEWEST else None
+    return (start, drift) if rows.stop - rows.start - start >= Misfit.FEWEST else None
 
 
 def _pieces(run: Run, log: Log) -> Iterator[tuple[Log, slice, Signals]]:
     """Parts of a log between faults and gaps, their rows in the record, and acting signals."""
-    from ...watch import FEWEST, LONGEST, signals_after
+    from ...watch import Misfit, signals_after
 
     known = [event for event in run.faults if event.kind != "unknown"]
-    first = int(np.searchsorted(log.t, log.t[-1] - LONGEST))
+    first = int(np.searchsorted(log.t, log.t[-1] - Misfit.LONGEST))
     starts = [0, *(int(np.searchsorted(log.t, event.found)) + 1 for event in known)]
     ends = [*(int(np.searchsorted(log.t, event.time)) for event in known), len(log.t)]
     gaps = np.flatnonzero(np.diff(log.t) > LONGEST_STEP * run.scenario.dt) + 1
     for i, (begin, end) in enumerate(zip(starts, ends, strict=True)):
         cuts = [max(first, begin), *gaps[(gaps > max(first, begin)) & (gaps < end)].tolist(), end]
         for start, stop in itertools.pairwise(cuts):
-            if stop - start >= FEWEST:
+            if stop - start >= Misfit.FEWEST:
                 signals = signals_after(run.system, known[:i])
                 yield log.part(start, stop), slice(start, stop), signals

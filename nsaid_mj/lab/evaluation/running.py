@@ -7,14 +7,8 @@ import numpy as np
 
 from ...core import Array, Confidence, Identifier, Log, State
 from ...watch import (
-    CONTRADICTS,
-    FEWEST,
-    LEVELS,
-    LONGEST,
     Misfit,
     drift_of,
-    judged_estimate,
-    running_misfit,
     signals_after,
     widened,
 )
@@ -57,7 +51,7 @@ class RunningMisfit:
         """Begins another log, after so many faults."""
         self._log += 1
         self._faults, self._parts = faults, tuple[Log, ...]()
-        self._start, self._judged = np.nan, max(_FIRST, FEWEST * self._dt)
+        self._start, self._judged = np.nan, max(_FIRST, Misfit.FEWEST * self._dt)
         self._found: tuple[Future[Misfit], Array] | None = None
 
     def see(self, log: Log, state: State) -> None:
@@ -70,7 +64,7 @@ class RunningMisfit:
             self._begin(len(known))
         self._start = float(log.t[0]) if not self._parts else self._start
         self._parts = Log.extended(self._parts, log)
-        while len(self._parts) > 1 and self._parts[1].t[0] < log.t[-1] - LONGEST:
+        while len(self._parts) > 1 and self._parts[1].t[0] < log.t[-1] - Misfit.LONGEST:
             self._parts = self._parts[1:]
         duration = float(log.t[-1]) - self._start
         if self._found is not None and duration >= _LATER * self._judged:
@@ -81,7 +75,8 @@ class RunningMisfit:
         drift, _ = drift_of(state)
         if self._found is None and duration >= self._judged and not drift:
             whole = Log.joined(*self._parts)
-            whole = whole.part(int(np.searchsorted(whole.t, whole.t[-1] - LONGEST)), len(whole.t))
+            start = int(np.searchsorted(whole.t, whole.t[-1] - Misfit.LONGEST))
+            whole = whole.part(start, len(whole.t))
             stated = self._identifier.confidence(state)
             deviations = Confidence.of_gains(stated, state.theta_hat, self._system.space)
             acting = signals_after(self._system, known).acting(self._system, whole)
@@ -99,12 +94,12 @@ class RunningMisfit:
             time.sleep(_REST)
 
         assert self._filter is not None
-        return judged_estimate(self._filter, theta, stated, prior, log, rest)
+        return Misfit.of_estimate(self._filter, theta, stated, prior, log, rest)
 
     def level(self, state: State) -> str:
         """The level of `Misfit` so far; "" of a law that is not judged."""
-        found = running_misfit(state), self._stated[0].level if self._stated else ""
-        return max(found, key=("", *LEVELS).index)
+        found = Misfit.during(state), self._stated[0].level if self._stated else ""
+        return max(found, key=("", *Misfit.LEVELS).index)
 
     def deviations(self, state: State) -> Array:
         """(a,) relative standard deviations of the gains, of `gain_deviations`; inf if unknown.
@@ -116,7 +111,7 @@ class RunningMisfit:
         space = self._system.space
         if self._filter is None or stated is None:
             return Confidence.of_gains(stated, state.theta_hat, space)
-        if self._stated is None or self.level(state) == CONTRADICTS:
+        if self._stated is None or self.level(state) == Misfit.LEVELS[-1]:
             return Confidence.of_gains(None, state.theta_hat, space)
         misfit, least = self._stated
         own = Confidence.of_gains(widened(stated, misfit.widening), state.theta_hat, space)

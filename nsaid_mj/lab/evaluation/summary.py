@@ -251,11 +251,11 @@ class _Reader:
 
     def misfit(self) -> Misfit:
         """The misfit of the structure, whose keys begin with `misfit`."""
-        from ...watch import LEVELS, Misfit
+        from ...watch import Misfit
 
         level = self._found["misfit"]
-        if level not in LEVELS:
-            raise self._error(("misfit",), f"one of {', '.join(LEVELS)}", shown(level))
+        if level not in Misfit.LEVELS:
+            raise self._error(("misfit",), f"one of {', '.join(Misfit.LEVELS)}", shown(level))
         return Misfit(
             level=level,
             contradictions=self.value("misfit_contradictions", tuple[float, ...]),

@@ -9,12 +9,12 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from ...core import GRAVITY, Array, Log, SecondOrderSystem
-from ...report import BODY, drawable
+from ...report import Scene, drawable
 from ..contacts import contact_forces
 
-TRUE = f"{BODY}/contact/true"
-IMPLIED = f"{BODY}/contact/implied"
-_FEET = f"{BODY}/contact/feet"
+TRUE = f"{Scene.BODY}/contact/true"
+IMPLIED = f"{Scene.BODY}/contact/implied"
+_FEET = f"{Scene.BODY}/contact/feet"
 _COLOURS = {TRUE: (226, 230, 240), IMPLIED: (255, 138, 30)}
 _WEIGHT = 0.8  # length of an arrow of the robot's weight, over its size
 _RADIUS = {TRUE: 0.02, IMPLIED: 0.012}  # of arrows, over the robot's size

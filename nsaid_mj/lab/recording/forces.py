@@ -7,10 +7,10 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from ...core import Array, Indices, Log, SecondOrderSystem, phrase
-from ...report import BODY, body_axes, drawable
+from ...report import Scene, drawable
 
-COMMANDED = f"{BODY}/force/commanded"
-ESTIMATED = f"{BODY}/force/estimated"
+COMMANDED = f"{Scene.BODY}/force/commanded"
+ESTIMATED = f"{Scene.BODY}/force/estimated"
 FAILED = (224, 49, 49)
 """Colour of failed actuators and links."""
 _COLORS = {COMMANDED: (226, 230, 240), ESTIMATED: (255, 138, 30)}
@@ -26,7 +26,7 @@ def mounts_of(system: SecondOrderSystem) -> dict[tuple[float, ...], list[int]]:
     Points are in the body frame; the forces at one add up, such as a fin's lift and drag.
     """
     at: dict[tuple[float, ...], list[int]] = {}
-    if system.mounts is not None and body_axes(system):
+    if system.mounts is not None and system.body_axes:
         for k, mount in zip(system.space.actuators, system.mounts, strict=True):
             if np.isfinite(mount).all():
                 at.setdefault(tuple(mount), []).append(k)
@@ -130,7 +130,7 @@ def body_forces(
     The first velocities of the vehicle's structure are the body's twist; `parts` are j groups of
     indices in θ, theta (p,) or (k, p) for k samples.
     """
-    axes = body_axes(system)  # a planar body's forces are in its plane
+    axes = system.body_axes  # a planar body's forces are in its plane
     F = system.F(rows.t, np.hstack([rows.q, rows.v]), rows.u)[:, : len(axes)]
     forces = np.zeros((len(rows.t), len(parts), 3))
     for j, part in enumerate(parts):

@@ -9,9 +9,9 @@ import rerun as rr
 
 from ...base import pin
 from ...core import Array, JointTree, ParameterSpace, SecondOrderSystem
-from ...report import BODY, ROBOT, body_axes
+from ...report import Scene
 
-LINKS = f"{ROBOT}/links_of_theta"
+LINKS = f"{Scene.ROBOT}/links_of_theta"
 ESTIMATED_INERTIA = "estimated"
 REFERENCE = "reference"
 _COLOURS = {ESTIMATED_INERTIA: (255, 138, 30), REFERENCE: (226, 230, 240)}
@@ -34,8 +34,8 @@ class Inertias:
             if len(places) != system.bodies:
                 return None
             return Inertias(places, [f"{LINKS}/{k}" for k in range(len(places))], system)
-        if len(places) == 1 and len(body_axes(system)) == 3:
-            return Inertias(places, [BODY], system)
+        if len(places) == 1 and len(system.body_axes) == 3:
+            return Inertias(places, [Scene.BODY], system)
         return None
 
     def log_frames(self, rec: rr.RecordingStream, t: Array, q: Array) -> None:

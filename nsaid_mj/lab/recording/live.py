@@ -13,12 +13,12 @@ from ...core import Log, Measurement, SecondOrderSystem, State
 from ...report import (
     EXCITATION_LEVELS,
     Lines,
+    Plots,
     Scene,
     application,
     drawing_words,
     groups,
     live_blueprint,
-    path,
 )
 from ..observer import Observer, RobotDescription
 from ..scenario import Scenario
@@ -169,7 +169,9 @@ class LiveRecording(Observer):
         rec.set_time("sim_time", duration=measurement.t)
         rec.log("velocity_error", rr.Scalars(state.v_hat - measurement.v))
         for group in self._groups:
-            rec.log(path(*group.key, "estimated"), rr.Scalars(state.theta_hat[group.indices]))
+            rec.log(
+                Plots.entity(*group.key, "estimated"), rr.Scalars(state.theta_hat[group.indices])
+            )
         rec.log("excitation/all", rr.Scalars(levels[0]))
         rec.log("excitation/perpendicular", rr.Scalars(levels[1]))
         begin = time.perf_counter()
@@ -234,7 +236,7 @@ def _target(port: int) -> str:
 def _streamed(system: SecondOrderSystem) -> list[Lines]:
     """The streamed curves, without values."""
     entities = {"velocity_error": [f"Δ{name}" for name in system.velocity_names]}
-    entities |= {path(*g.key, "estimated"): g.names for g in groups(system.space)}
+    entities |= {Plots.entity(*g.key, "estimated"): g.names for g in groups(system.space)}
     none = np.zeros(0)
     found = [
         Lines(entity, names, none, none, range(len(names))) for entity, names in entities.items()

@@ -9,14 +9,12 @@ from numpy.typing import NDArray
 from ...base import RECORDING
 from ...core import Array, FaultEvent, Indices, Log, ParameterSpace, SecondOrderSystem
 from ...report import (
-    BODY,
     Plots,
     Scene,
     blueprint,
     drawable,
     drawing_words,
     item_lines,
-    lines_of,
     spread,
 )
 from ...report import write_recording as write_file
@@ -48,7 +46,6 @@ def write_run_recording(
         truth: true parameters of its plant; None leaves out everything that needs it.
         checks: of the paper's statements, for a separate page.
     """
-    lines = lines_of(result.curves)
     robot = RobotDrawing(run, truth)
     name = run.folder.resolve().name
     documents = {
@@ -57,12 +54,12 @@ def write_run_recording(
         "unknown": "\n".join(item_lines(unobservable(result))),
     }
     space = run.system.space
-    plots = Plots(lines, float(run.record["t"][-1]))
+    plots = Plots.of(result.curves, float(run.record["t"][-1]))
     kind = "" if truth is None else _kind(space, shared(space, result.dimensions.r, truth.theta))
     layout = blueprint(
         space, robot.camera, plots, survey=robot.survey, drawn=robot.words, shared=kind
     )
-    return write_file(run.folder / RECORDING, name, layout, documents, lines, robot.log)
+    return write_file(run.folder / RECORDING, name, layout, documents, plots.curves, robot.log)
 
 
 def _kind(space: ParameterSpace, chosen: Indices) -> str:
@@ -168,7 +165,7 @@ class RobotDrawing:
                     radii=[_MARK * self.camera.size],
                     labels=[drawable(event.part)],
                 )
-                rec.log(f"{BODY}/fault_{number}", ball)
+                rec.log(f"{Scene.BODY}/fault_{number}", ball)
             for path in self._failed(event):
                 rec.log(path, rr.Mesh3D.from_fields(albedo_factor=FAILED))
         rec.reset_time()

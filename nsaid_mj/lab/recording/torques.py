@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from ...base import pin
 from ...core import Array, Indices, JointTree, Log, SecondOrderSystem
-from ...report import ROBOT, rotated
+from ...report import Scene, rotated
 from .forces import FAILED
 from .inertia import frames
 
-COMMANDED = f"{ROBOT}/torque/commanded"
-ESTIMATED = f"{ROBOT}/torque/estimated"
+COMMANDED = f"{Scene.ROBOT}/torque/commanded"
+ESTIMATED = f"{Scene.ROBOT}/torque/estimated"
 _COLOURS = {COMMANDED: (226, 230, 240), ESTIMATED: (255, 138, 30)}
 _RADIUS = {COMMANDED: 0.085, ESTIMATED: 0.1}  # of an arc, over the robot's size
 _TURN = np.radians(200.0)  # angle of an arc at twice the rms torque, and at most

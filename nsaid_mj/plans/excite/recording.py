@@ -6,14 +6,10 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ...report import (
-    LOGARITHM,
-    RIGHT,
     Page,
     Panel,
     Plots,
     Scene,
-    lines_of,
-    path,
     robot_view,
     views_beside,
     whole_blueprint,
@@ -45,18 +41,22 @@ def record_design(page: Page, found: Design, file: Path) -> Path:
         left = [robot_view(camera, "Robot's motion, under a draw of θ")] if camera else []
         return views_beside(left, plots.grid(views, 1 if len(views) < 4 else 2), name, [1])
 
-    lines = lines_of(page.result.curves)
-    own = [p for p in page.result.curves if isinstance(p, Panel) and not p.page]
+    curves = page.result.curves
+    own = [p for p in curves if isinstance(p, Panel) and not p.page]
     motion = [panel for panel in own if not panel.logarithmic]
-    moved = Plots(lines, float(t[-1]))
-    shown: list[rrb.View] = [moved(path(*panel.key), panel.title, RIGHT) for panel in motion]
+    moved = Plots.of(curves, float(t[-1]))
+    shown: list[rrb.View] = [
+        moved(Plots.entity(*panel.key), panel.title, Plots.RIGHT) for panel in motion
+    ]
     pages = [tab("Motion", moved, shown)]
     intervals = [panel for panel in own if panel.logarithmic]
     if intervals:
-        plots = Plots(lines, float(intervals[0].curves[0].t[-1]))
+        plots = Plots.of(curves, float(intervals[0].curves[0].t[-1]))
         words = "log₁₀ of the relative error"
         views: list[rrb.View] = [
-            plots(LOGARITHM + path(*panel.key), f"{panel.title}: {words}", RIGHT / 2)
+            plots(
+                Plots.entity(*panel.key, logarithm=True), f"{panel.title}: {words}", Plots.RIGHT / 2
+            )
             for panel in intervals
         ]
         pages.insert(0, tab("Predicted and reached intervals", plots, views))
@@ -66,4 +66,4 @@ def record_design(page: Page, found: Design, file: Path) -> Path:
             scene.log_shapes(rec, camera)
             scene.log_poses(rec, t, q)
 
-    return write_recording(file, page.heading, whole_blueprint(*pages), {}, lines, draw)
+    return write_recording(file, page.heading, whole_blueprint(*pages), {}, moved.curves, draw)

@@ -9,15 +9,10 @@ import rerun.blueprint as rrb
 from ...core import Array, JointTree, SecondOrderSystem
 from ...lab import Setup, Tracker
 from ...report import (
-    LOGARITHM,
-    RIGHT,
-    ROBOT,
     Page,
     Panel,
     Plots,
     Scene,
-    lines_of,
-    path,
     result_view,
     robot_view,
     spread,
@@ -28,7 +23,7 @@ from ...report import (
 from .evaluation import ControlledMotion
 
 _FRAMES = 2000  # of the robot, at most
-_REFERENCE = f"{ROBOT}/reference"
+_REFERENCE = f"{Scene.ROBOT}/reference"
 _GHOST = (64, 214, 224)
 
 
@@ -55,18 +50,21 @@ def record(
     frames = spread(len(t), _FRAMES)
     scene = Scene(system, setup.plant)
     camera = None if scene.empty else scene.camera(q[frames], v[frames])
-    lines = lines_of(curves)
-    plots = Plots(lines, float(t[-1]))
+    plots = Plots.of(curves, float(t[-1]))
     errors = [panel for panel in curves if isinstance(panel, Panel) and panel.page]
     story = [
-        plots(LOGARITHM + path(*panel.key), f"{panel.title} as a power of ten", RIGHT)
+        plots(
+            Plots.entity(*panel.key, logarithm=True),
+            f"{panel.title} as a power of ten",
+            Plots.RIGHT,
+        )
         for panel in errors
     ]
     left: list[rrb.View | rrb.Container] = [result_view()]
     if camera:
         left.insert(0, robot_view(camera, f"Robot under {law}; its reference (cyan)"))
     commands = [panel for panel in curves if isinstance(panel, Panel) and not panel.page]
-    efforts = [plots(path(*panel.key), panel.title) for panel in commands]
+    efforts = [plots(Plots.entity(*panel.key), panel.title) for panel in commands]
     layout = whole_blueprint(
         views_beside(left, plots.column(story), "Tracking", [3, 2]),
         plots.grid(efforts, min(2, len(efforts)), "Commands"),
@@ -78,7 +76,9 @@ def record(
             scene.log_poses(rec, t[frames], q[frames])
             _log_reference(rec, system, t[frames], desired[frames], camera.size)
 
-    return write_recording(file, file.parent.name, layout, {"result": page.markdown()}, lines, draw)
+    return write_recording(
+        file, file.parent.name, layout, {"result": page.markdown()}, plots.curves, draw
+    )
 
 
 def _log_reference(

@@ -14,9 +14,6 @@ from .scene import MARK, PATH, ROBOT, TRAIL, Camera
 from .text import drawable
 
 _LINKS_ON_A_PAGE = 3
-RIGHT = 0.6
-"""Share of the window that the first page's plots take."""
-
 _MARK = (255, 255, 255)
 _ERROR = "Velocity error Δv: predicted − measured"
 _EXCITATION = "Persistence of excitation over a window [N·m·s]"
@@ -72,8 +69,8 @@ def blueprint(
     if not plots.shows("contact"):  # on the ground v̂ is v
         unit = plots.unit("log_velocity_rms")
         story["log_velocity_rms"] = f"Velocity error, rms over short intervals [{unit}]"
-    views = [plots(entity, story[entity], RIGHT) for entity in story if plots.shows(entity)]
-    views += [] if judged else [_estimate(plots, g, False, RIGHT) for g in _driven(space)[:1]]
+    views = [plots(entity, story[entity], Plots.RIGHT) for entity in story if plots.shows(entity)]
+    views += [] if judged else [_estimate(plots, g, False, Plots.RIGHT) for g in _driven(space)[:1]]
     checks = [
         plots(entity, title, 0.5, entity != "theta_perp")
         for entity, title in _CHECKS.items()
@@ -91,7 +88,7 @@ def live_blueprint(space: ParameterSpace, camera: Camera | None, drawn: str = ""
     views: list[rrb.View | rrb.Container] = [
         rrb.Vertical(
             plots("velocity_error", _ERROR),
-            *[_estimate(plots, group, False, RIGHT) for group in _driven(space)[:2]],
+            *[_estimate(plots, group, False, Plots.RIGHT) for group in _driven(space)[:2]],
             plots("excitation", _EXCITATION),
         )
     ]
@@ -235,7 +232,7 @@ def views_beside(
     if not left:
         return rrb.Horizontal(right, name=name)
     column = rrb.Vertical(*left, row_shares=shares[: len(left)])
-    return rrb.Horizontal(column, right, column_shares=[1 - RIGHT, RIGHT], name=name)
+    return rrb.Horizontal(column, right, column_shares=[1 - Plots.RIGHT, Plots.RIGHT], name=name)
 
 
 def _driven(space: ParameterSpace) -> list[ParameterGroup]:

@@ -1,13 +1,16 @@
 """Plots over time in the viewer, with space for their legends beside the curves."""
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from .lines import LOGARITHM, Lines
+from ..panels import AnyPanel
+from .lines import LOGARITHM, Lines, lines_of, path
 from .text import drawable
 
 _WINDOW = 1600.0  # assumed width of the window, and of a plot's axis [pixels]
@@ -41,7 +44,13 @@ class Plots:
         curves: lines of the recording, whose names are in the legends.
         end: end of the run [s]; None if unknown, as in a running one.
         window: time that a plot shows, most of it after the cursor [s]; None for the whole run.
+
+    Attributes:
+        curves: as given.
+        RIGHT: share of the window that the first page's plots take.
     """
+
+    RIGHT = 0.6
 
     def __init__(
         self,
@@ -49,12 +58,27 @@ class Plots:
         end: float | None = None,
         window: float | None = None,
     ):
-        self._curves = curves
+        self.curves = curves
         self._end = end
         self._window = window
         self._entries: dict[Any, int] = {}  # in the legend of a view
         self._until: dict[Any, float] = {}  # end of a view's time axis [s]
         self._compared: set[Any] = set()  # views of measured and computed values
+
+    @classmethod
+    def of(
+        cls, panels: Iterable[AnyPanel], end: float | None, window: float | None = None
+    ) -> Plots:
+        """Plots of the lines of panels."""
+        return cls(lines_of(panels), end, window)
+
+    @staticmethod
+    def entity(*parts: str, logarithm: bool = False) -> str:
+        """The entity of curves, from the parts of a panel's key.
+
+        Of a panel with a logarithmic axis, `logarithm` is that of the powers of ten of its values.
+        """
+        return (LOGARITHM if logarithm else "") + path(*parts)
 
     def __call__(
         self, entity: str, title: str, width: float = 0.5, legend: bool = True
@@ -158,4 +182,4 @@ class Plots:
         return low - beyond, high + beyond
 
     def _below(self, entity: str) -> list[Lines]:
-        return [c for c in self._curves if f"{c.path}/".startswith(f"{entity}/")]
+        return [c for c in self.curves if f"{c.path}/".startswith(f"{entity}/")]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import rerun as rr
 
-from ...core import Array, JointTree, SecondOrderSystem, SingleBody
+from ...core import Array, JointTree, SecondOrderSystem
 from ...robots import Looks
 
 ROBOT = "robot"
@@ -52,8 +52,13 @@ class Scene:
         looks: its meshes and their poses; None if there are none.
 
     Attributes:
+        ROBOT: entity below which everything is drawn.
+        BODY: entity whose frame is that of a vehicle's body.
         vehicle: whether the robot has a free body: in space, in the plane, or along the vertical.
     """
+
+    ROBOT = ROBOT
+    BODY = BODY
 
     def __init__(self, system: SecondOrderSystem, looks: Looks | None):
         self._system = system
@@ -67,7 +72,7 @@ class Scene:
         self._paths = [f"{home}/{i:02}_{name}" for i, name in enumerate(plain)]
         tree = system if isinstance(system, JointTree) else None
         self._skeleton = tree if not self._meshes else None
-        self.vehicle = len(body_axes(system)) > 0
+        self.vehicle = len(system.body_axes) > 0
         self._place = np.zeros((0, 3))  # (1, 3) a vehicle's last logged position, once there is one
 
     @property
@@ -201,7 +206,7 @@ class Scene:
         places, attitudes = base_poses(self._system, q[:1])
         back = attitudes * [-1, -1, -1, 1]
         centre = tuple(rotated(back, target - places)[0, 0].tolist())
-        linear = v[:, : len(body_axes(self._system))]
+        linear = v[:, : len(self._system.body_axes)]
         speed = float(np.sqrt(np.mean(np.sum(linear**2, axis=1))))
         trail = float(np.clip(_TRAIL * size / max(speed, 1e-9), _SHORTEST, _LONGEST))
         grid = rounded(max(2 * size, (target[2] - lowest) / 5))
@@ -272,13 +277,6 @@ def shaded(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray, A
     normals = np.where(norm > 0, normals / np.where(norm > 0, norm, 1), [0.0, 0.0, 1.0])
     numbers = np.arange(3 * len(triangles), dtype=np.uint32)
     return corners.reshape(-1, 3), numbers.reshape(-1, 3), normals
-
-
-def body_axes(system: SecondOrderSystem) -> list[int]:
-    """Indices of the body axes x, y, z of a vehicle's linear velocities; empty for an arm."""
-    if isinstance(system, SingleBody) and system.n == 1:
-        return [2]
-    return {6: [0, 1, 2], 3: [0, 1], 0: []}[system.group]
 
 
 def base_poses(system: SecondOrderSystem, q: Array) -> tuple[Array, Array]:

@@ -27,7 +27,7 @@ from nsaid_mj.lab.loop import Run
 from nsaid_mj.lab.postprocessing import finish, rebuild
 from nsaid_mj.lab.record import Record
 from nsaid_mj.lab.setup import Setup
-from nsaid_mj.watch import judged_estimate, running_misfit, widened
+from nsaid_mj.watch import Misfit, widened
 
 RATE = 100.0
 BLUEROV = LiveRobot(robot="bluerov2")
@@ -82,7 +82,7 @@ def test_no_interval_is_stated_while_the_motion_contradicts_the_structure(log: L
     assert any(contradicts) and not any(np.array(stated) & contradicts)
     state = run.states[""]
     forgiven = state._replace(own=state.own._replace(calm=0.7 * state.t))
-    assert running_misfit(state) == "contradicts" != running_misfit(forgiven)
+    assert Misfit.during(state) == "contradicts" != Misfit.during(forgiven)
 
 
 @pytest.mark.parametrize("law", ["efficient", "memory", "cone"])
@@ -248,7 +248,7 @@ def test_the_motion_so_far_is_judged_each_time_it_is_half_as_long_again(piece: i
         at, _ = own.follow(own.init(log.at(0)), log.first(k + 1))
         stated = own.confidence(at)
         given = at.theta_hat, stated, live.robot.prior, log.first(k + 1)
-        expected = judged_estimate(alone, *given)
+        expected = Misfit.of_estimate(alone, *given)
         widenings.append(expected.widening)
         late = 1.4 * duration + 1.5 / RATE
         deviations, state, of_law = found[min(t for t in found if t > late)]
@@ -292,7 +292,7 @@ def test_after_a_gap_another_log_is_judged(log: Log):
     alone = filter_of(live.scenario, live.robot.system)
     assert alone is not None and np.isinf(before).all()
     given = at.theta_hat, own.confidence(at), live.robot.prior, later.first(51)
-    expected, of_law = judged_estimate(alone, *given), own.confidence(state)
+    expected, of_law = Misfit.of_estimate(alone, *given), own.confidence(state)
     assert of_law is not None and expected.level != "contradicts"
     space, wider = live.robot.system.space, widened(of_law, expected.widening)
     least = expected.widening * Confidence.of_gains(own.confidence(at), at.theta_hat, space)

@@ -529,10 +529,10 @@ def test_a_shift_is_measured_by_what_was_learned(kept: int) -> None:
 def test_two_pieces_contradicted_once_each_contradict_the_structure() -> None:
     one = misfit.Misfit("some", (3.0,), 1.0, 10.0, 0.5, 1.0)
     none = misfit.Misfit("none", (), 2.0, 30.0, 0.01, 4.0)
-    both = misfit.worst_of([one, none])
+    both = misfit.Misfit.worst([one, none])
     assert (both.level, both.innovations, both.seconds) == ("some", 1.75, 40.0)
     assert (both.chance, both.widening) == (0.01, 4.0)
-    assert misfit.worst_of([one, one]).level == "contradicts"
+    assert misfit.Misfit.worst([one, one]).level == "contradicts"
 
 
 def test_a_change_is_evident_as_a_whole_even_where_its_parts_trade() -> None:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ....base import BadRun
-from ....lab import PROFILED, RECORD_FILE, TARGET_DELAYS, Record
+from ....base import RECORD, BadRun
+from ....lab import Record
 from ..unusable import UnreadableLog
 from . import Columns, check_size
 
@@ -21,7 +21,7 @@ def read(path: Path) -> list[Columns]:
     Raises:
         UnreadableLog: the record is damaged, empty, or beyond the limit.
     """
-    file = path / RECORD_FILE if path.is_dir() else path
+    file = path / RECORD if path.is_dir() else path
     check_size(file, file.stat().st_size)
     try:
         record = Record.read(path)
@@ -32,10 +32,10 @@ def read(path: Path) -> list[Columns]:
     values: dict[str, np.ndarray] = {"t": record["t"]}
     if missing := [name for name in "qvu" if name not in record.columns]:
         raise UnreadableLog(path, f"its record has no column {missing[0]}", "Run it again.")
-    delays = record.metadata.get(TARGET_DELAYS)
+    delays = record.target_delays
     for name in "qvu" if delays is None else "qv":
         values |= {f"{name}_{k}": column for k, column in enumerate(record[name].T)}
-    name = f"{FOLLOWED}_target" if record.metadata.get(PROFILED) else "target"
+    name = f"{FOLLOWED}_target" if record.profiled else "target"
     targets = [
         Columns({"t": record["t"] - delay, f"{name}_{k}": record["u"][:, k]})
         for k, delay in enumerate(delays or ())
