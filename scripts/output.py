@@ -58,7 +58,8 @@ def rov(folder: Path) -> list[str]:
 def legs(folder: Path) -> list[str]:
     """A walking Go2's joints, torques and IMU, and its weight."""
     walk = drawn_walk(3, folder, robot="go2", seconds=SECONDS)
-    return [walk.log.name, "--model", walk.model.name, "--known", f"mass={walk.mass:.3g}"]
+    mass = sum(walk.truth["mass"])
+    return [walk.log.name, "--model", walk.model.name, "--known", f"mass={mass:.4g}"]
 
 
 class Story(NamedTuple):
@@ -140,7 +141,7 @@ def section(story: Story) -> str:
         words = story.made(Path(folder))
         text = printed(words, Path(folder))
     command = shlex.join(["nsaid", "identify", *words])
-    return f"## {story.title}\n\n{story.lead}\n\n```text\n$ {command}\n\n{text}\n```\n"
+    return f"## {story.title}\n\n{story.lead}\n\n`{command}` prints\n\n```text\n{text}\n```\n"
 
 
 HEAD = """\
@@ -152,8 +153,7 @@ are findings, the gravest first (✘ ▲ ·); the tables hold every gain and fri
 interval; [your_robot.md](your_robot.md#4-read-the-result) explains the marks. In a pipe nothing is
 folded or left out.
 
-The logs are simulated, with noisy sensors; `python -m scripts.output` makes this page, and with
-`--check` compares it.
+The logs are simulated, with noisy sensors; `scripts/output.py` makes this page, and compares it.
 """
 
 

@@ -1,4 +1,4 @@
-"""Packs the scenarios' arms and quadruped small: their URDFs, and visual meshes of few triangles.
+"""Packs the scenarios' robots small: their URDFs, and visual meshes of few triangles.
 
     pip install 'nsaid-mj[robots]'
     python scripts/pack_robots.py
@@ -17,30 +17,39 @@ import pinocchio as pin
 from example_robot_data.robots_loader import ROBOTS, getModelPath
 
 ROBOTS_FOLDER = Path(__file__).parents[1] / "assets" / "robots"
-PACKED = ("double_pendulum", "go2", "kinova", "panda", "ur5", "xarm7", "z1")
+PACKED = ("double_pendulum", "g1_legs", "go2", "kinova", "panda", "ur5", "xarm7", "z1")
 TRIANGLES = 2500  # of a mesh, at most
+PARTS = {"g1_legs": ("g1", ("waist", "shoulder", "elbow", "wrist"))}
+"""Robots that are others with some joints fixed: the names of these contain one of the words."""
+BARE = {"g1_legs"}  # packed without shapes, whose meshes no grid makes small
 HULLS = {"go2"}  # drawn as their collision shapes, as visual meshes consist of too many parts
 
 
 def pack(name: str, folder: Path) -> None:
     """Writes a robot's URDF and meshes into a folder of its name."""
-    loader = ROBOTS[name]
+    whole, fixed = PARTS.get(name, (name, ()))
+    loader = ROBOTS[whole]
     file = Path(loader.path, loader.urdf_subpath, loader.urdf_filename)
     home = Path(getModelPath(str(file)))
     own = folder / name
     shutil.rmtree(own, ignore_errors=True)
-    (own / "meshes").mkdir(parents=True)
+    own.mkdir(parents=True)
     root = ElementTree.parse(home / file).getroot()
     for child in [child for child in root if child.tag not in ("link", "joint", "material")]:
         root.remove(child)
+    for joint in root.iter("joint"):
+        if any(word in joint.attrib["name"] for word in fixed):
+            joint.attrib["type"] = "fixed"
     written: dict[str, str] = {}
     dropped, drawn = ("visual", "collision") if name in HULLS else ("collision", "visual")
     for link in root.iter("link"):
-        for shape in link.findall(dropped):
-            link.remove(shape)
+        for kind in (dropped, drawn) if name in BARE else (dropped,):
+            for shape in link.findall(kind):
+                link.remove(shape)
         for shape in link.findall(drawn):
             shape.tag = "visual"
         for mesh in link.findall("visual/geometry/mesh"):
+            (own / "meshes").mkdir(exist_ok=True)
             source = mesh.attrib["filename"]
             if source not in written:
                 written[source] = f"{Path(source).stem}.stl"

@@ -5,10 +5,12 @@
 
 Each log is drawn by `tests/court/walking.py`: masses ±20 %, gains and friction ±30 %, feet up to
 5 mm off, slip, soft ground, 200 or 500 Hz, noise and bias of the IMU, 14-bit encoders. The robot's
-total mass is told. Further `field=value` are those of `WalkingLog`, such as `command=position`.
-Prints a line for each log: errors of the gains' ratios and of the gains [%, rms], how many of the
-95 % intervals hold the truth, the mean half-interval of the gains, the verdict, and CPU time. A log
-in which the robot fell is named, and not counted.
+total mass is told. Further `field=value` are those of `WalkingLog`, such as `command=position`, of
+which kp takes the place of gains, and kv is part of viscous friction.
+Prints a line for each log: errors of the gains' ratios and of the gains [%, rms], of viscous and
+Coulomb friction over the gain [%, rms], how many of the 95 % intervals hold the truth, the mean
+half-interval of the gains, the verdict, and CPU time. A log in which the robot fell is named, and
+not counted.
 """
 
 import argparse
@@ -37,8 +39,12 @@ BLOCKS = {
 
 def judged(found: Identification, walk: Walked) -> dict[str, Any]:
     """Errors of the gains, and how many intervals of each block hold the truth."""
+    truth = {name: np.array(walk.truth[name]) for name in BLOCKS.values()}
+    if found.recordings.feedback is not None:
+        truth["gains"] = np.array(walk.truth["kp"]) / found.recordings.feedback[0]
+        truth["viscous"] = truth["viscous"] + np.array(walk.truth["kv"])
     gains = np.array([p.value for p in found.gains])
-    ratio = gains / np.array(walk.truth["gains"])
+    ratio = gains / truth["gains"]
     half = np.array([(p.high - p.low) / (2 * p.value) for p in found.gains])
     line: dict[str, Any] = {
         "ratio": float(100 * np.std(ratio / ratio.mean())),
@@ -47,8 +53,11 @@ def judged(found: Identification, walk: Walked) -> dict[str, Any]:
         "explains": found.explains,
     }
     for block, name in BLOCKS.items():
-        pairs = zip(found.of(block), walk.truth[name], strict=True)
+        own = found.of(block)
+        pairs = zip(own, truth[name], strict=True)
         line[name] = sum(bool(p.low <= true <= p.high) for p, true in pairs)
+        over = np.array([p.value for p in own]) / truth[name] / ratio
+        line[f"{name} over gain"] = float(100 * np.sqrt(np.mean((over - 1) ** 2)))
         line["of"] = len(gains)
     return line
 
@@ -75,7 +84,8 @@ def row(line: dict[str, Any]) -> str:
         return f"{head} | refused: {line['refused']} |"
     held = (f"{line[name]}/{line['of']}" for name in BLOCKS.values())
     fell = "" if line["upright"] else " (fell)"
-    cells = [f"{line[key]:.2f}" for key in ("ratio", "absolute", "half")]
+    shown = ("ratio", "absolute", "viscous over gain", "coulomb over gain", "half")
+    cells = [f"{line[key]:.2f}" for key in shown]
     return f"{head}{fell} | {' | '.join([*cells, *held, line['explains']])} | {line['cpu']:.0f} |"
 
 
@@ -103,9 +113,9 @@ def main() -> None:
     first, end = map(int, arguments.seeds.split(":"))
     chosen = {"seconds": arguments.seconds} | chosen_of(arguments.fields)
     print(
-        "| log | ratios [%] | gains [%] | ± [%] | gains held | rotors | viscous | Coulomb ", end=""
+        "| log | ratios [%] | gains [%] | viscous/gain | Coulomb/gain | ± [%] | gains held ", end=""
     )
-    print("| explains | CPU [s] |\n|---|---|---|---|---|---|---|---|---|---|")
+    print("| rotors | viscous | Coulomb | explains | CPU [s] |\n" + "|---" * 12 + "|")
     lines = []
     for seed in range(first, end):
         for robot in arguments.robots:

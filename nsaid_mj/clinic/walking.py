@@ -164,6 +164,7 @@ def identified_along(
         InvalidInput: there are no samples, or their lines are of another robot.
     """
     used = 0.0
+    found: Identification | None = None
     while True:
         over = samples.over
         seconds = samples.seconds
@@ -173,6 +174,8 @@ def identified_along(
         if over and seconds == 0:
             remedy = "Is the sender running, and does it send finite numbers?"
             raise InvalidInput("stream", "samples", "none before its end", remedy)
+        if found is not None and seconds == used:
+            return found
         count = samples.write(folder / LOG)
         used = seconds
         try:
@@ -181,6 +184,7 @@ def identified_along(
             if over:
                 raise
             say(f"{seconds:.0f} s: {error}")
+            found = None
             continue
         show(_estimate(found, seconds, count))
         if over:

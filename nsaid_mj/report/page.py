@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -24,6 +25,7 @@ REPORT_FILE = "report.html"
 _TEMPLATES = Path(__file__).parent / "templates"
 _ROOM = 88  # of a table on a recording's first page [characters], and between two columns
 _GAP = 1
+_FLAG = re.compile(r"(?<![\w-])--\w[\w-]*")
 _EMPTY: set[object] = {"", ABSENT}
 
 DARK = (
@@ -253,9 +255,13 @@ def _environment() -> Any:
         return value.replace(" %", "\N{NO-BREAK SPACE}%") if type(value) is str else value
 
     def spoken(text: object) -> Markup:
-        parts = enumerate(map(escape, unbroken(str(text)).split("`")))
+        parts = [whole_flags(escape(part)) for part in unbroken(str(text)).split("`")]
         code = Markup("<code>{}</code>")
-        return Markup("").join(code.format(part) if k % 2 else part for k, part in parts)
+        return Markup("").join(code.format(p) if k % 2 else p for k, p in enumerate(parts))
+
+    def whole_flags(escaped: Markup) -> Markup:
+        """Text in which no line ends within a flag such as --load."""
+        return Markup(_FLAG.sub(r'<span class="flag">\g<0></span>', str(escaped)))
 
     def kind(value: object) -> str:
         return type(value).__name__

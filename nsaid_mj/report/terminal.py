@@ -72,14 +72,14 @@ def _breaks(words: str, room: int) -> list[int]:
     return ends
 
 
-def print_findings(findings: Sequence[Finding], console: Console, whole: bool = False) -> None:
+def print_findings(findings: Sequence[Finding], console: Console, codes: bool = False) -> None:
     """Prints a line for each finding, notes dimmed; of many of one level it counts the rest.
 
     The gravest come first, and what is said of several joints or channels is said once. A remedy
-    that several in a row share is printed after the last. With `whole`, or in a pipe, all are
-    printed.
+    that several in a row share is printed after the last. With `codes`, a code follows the words;
+    with them, or in a pipe, all are printed.
     """
-    everything = whole or not console.is_terminal
+    everything = codes or not console.is_terminal
     for level, mark in LEVELS.items():
         some = gathered(finding for finding in findings if finding.level == level)
         most = len(some) if everything else _NOTES if level == "note" else _GRAVE
@@ -87,7 +87,7 @@ def print_findings(findings: Sequence[Finding], console: Console, whole: bool = 
             replace(f, remedy="") if f.remedy == after.remedy else f
             for f, after in pairwise([*some[:most], Finding(level, "", "", "")])
         ]
-        lines = [str(f) for f in shown]
+        lines = [f"{f} ({f.code})" if codes else str(f) for f in shown]
         lines += [f"and {count(len(some) - most, f'more {level}')}"] if len(some) > most else []
         for line in lines:
             words = f"[dim]{escape(line)}[/]" if level == "note" else escape(line)

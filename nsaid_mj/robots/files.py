@@ -19,7 +19,7 @@ from .assets import (
 from .errors import BadRobot
 
 REMEDY = "Give the path of a file ending in .urdf, .xml or .mjb (MJCF), or a vehicle's .toml."
-_WALKING = {"go2"}  # packed robots whose base floats
+_WALKING = {"g1_legs", "go2"}  # packed robots whose base floats
 _CUT_IN_CODE = "talos_legs"  # the only one whose loader removes joints in its file
 
 

@@ -53,6 +53,7 @@ def compile_file(path: Path) -> tuple[Any, Any, list[Finding]]:
         findings = [
             *Finding.missing_files(path, "mesh or texture", missing, *_UNDRAWN),
             *check_inertials(spec),
+            *_bounded(spec, path),
         ]
         mj = spec.compile()
         mj.names.decode()
@@ -121,6 +122,52 @@ def _bad(robot: str, part: str, field: str, row: Any) -> BadRobot:
     return BadRobot(robot, part, reason, f"Write numbers of at most {LARGEST:g} in size.")
 
 
+_PIXELS = 2**26
+"""Most pixels of a texture: MuJoCo takes three bytes or more for each, used or not."""
+_USER = 1000
+"""Most numbers of a user's own for each body, joint and so on."""
+
+
+def _bounded(spec: Any, path: Path) -> list[Finding]:
+    """Removes textures of more than `_PIXELS` from a specification that is to be compiled.
+
+    Raises:
+        BadRobot: it asks for more than `_USER` numbers of a user's own.
+    """
+    for key in (name for name in dir(spec) if name.startswith("nuser_")):
+        count = getattr(spec, key)
+        if count > _USER:
+            remedy = f"Give at most {_USER} in <size>."
+            raise BadRobot(str(path), "", f"its {key} is {count}", remedy)
+    large = []
+    for texture in list(spec.textures):
+        if _pixels(texture, path.parent / spec.texturedir) > _PIXELS:
+            large.append(texture.name or texture.file)
+            _without_texture(spec, texture)
+    if not large:
+        return []
+    text = f"textures of more than {_PIXELS / 1e6:.0f} million pixels are left out: "
+    return [Finding("note", "large_texture", path.name, text + ", ".join(large))]
+
+
+def _pixels(texture: Any, folder: Path) -> int:
+    """Pixels of a texture: of a PNG file as its header states them."""
+    if not texture.file:
+        return texture.width * (texture.height or 6 * texture.width)
+    with (folder / texture.file).open("rb") as stream:
+        head = stream.read(24)
+    if head[:8] != b"\x89PNG\r\n\x1a\n" or len(head) < 24:
+        return 0
+    return int.from_bytes(head[16:20], "big") * int.from_bytes(head[20:24], "big")
+
+
+def _without_texture(spec: Any, texture: Any) -> None:
+    """Removes a texture, and its name from the materials."""
+    for material in spec.materials:
+        material.textures = ["" if t == texture.name else t for t in material.textures]
+    spec.delete(texture)
+
+
 def _without_missing_files(spec: Any, folder: Path) -> list[str]:
     """Removes meshes and textures whose files are missing; returns the names of these files."""
     missing = []
@@ -136,9 +183,7 @@ def _without_missing_files(spec: Any, folder: Path) -> list[str]:
         gone = [file for file in files if not _exists(file, folder, spec.texturedir)]
         if gone:
             missing += gone
-            for material in spec.materials:
-                material.textures = ["" if t == texture.name else t for t in material.textures]
-            spec.delete(texture)
+            _without_texture(spec, texture)
     return missing
 
 

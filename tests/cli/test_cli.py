@@ -446,6 +446,7 @@ LIKE_ANOTHER = {
     "one_axis_at_a_time": ("servo_arm", "wrong_gains"),
     "f1tenth": ("bmw320i", "straight_then_slalom", "catamaran"),
     "crazyflie": ("hummingbird",),
+    "quadruped": ("biped",),
     "uvms": ("borinot",),
     "track_payload": ("track_uvms", "track_ur5", "track_bluerov2", "track_astrobee"),
 }

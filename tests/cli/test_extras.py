@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from nsaid_mj.base import optional
+from nsaid_mj.base import optional, pin
 from nsaid_mj.base.errors import MissingPackage
 from nsaid_mj.robots.assets import packed_robots
 from nsaid_mj.robots.loading import load_robot
@@ -54,6 +56,19 @@ def test_studies_without_rerun_leave_out_their_recording(tmp_path: Path, command
     assert "report.html" in made and not any(name.endswith(".rrd") for name in made)
 
 
+def test_what_records_is_imported_only_where_rerun_is_installed() -> None:
+    """An identification took minutes, and then ended in a ModuleNotFoundError."""
+    package = Path(__file__).parents[2] / "nsaid_mj"
+    found = 0
+    for path in package.rglob("*.py"):
+        lines = path.read_text(encoding="utf-8").splitlines()
+        for before, line in pairwise(lines):
+            if re.match(r"\s+from \.[\w.]*recording(\.run)? import ", line):
+                assert 'installed("rerun")' in before, (path, line)
+                found += 1
+    assert found > 4
+
+
 @pytest.mark.parametrize(
     "command, extra",
     [
@@ -83,7 +98,10 @@ def test_list_shows_packed_robots_and_how_to_get_more(tmp_path: Path) -> None:
     assert "pip install 'nsaid-mj[robots]'" in said
 
 
-@pytest.mark.parametrize("name", sorted(set(packed_robots()) - {"servo_arm"}))  # which is ours
+OTHERS = {"servo_arm", "g1_legs"}  # which is ours; which is a part, see below
+
+
+@pytest.mark.parametrize("name", sorted(set(packed_robots()) - OTHERS))
 def test_a_packed_robot_moves_as_the_one_it_was_packed_from(name: str) -> None:
     theirs = pytest.importorskip("example_robot_data").load(name)
     free = theirs.model.joints[1].nv == 6
@@ -104,6 +122,17 @@ def test_a_packed_robot_moves_as_the_one_it_was_packed_from(name: str) -> None:
         a, b = mine.vertices, original.geometry.vertices()
         assert (a.min(0) >= b.min(0) - 1e-6).all() and (a.max(0) <= b.max(0) + 1e-6).all()
         assert np.linalg.norm(np.ptp(a, axis=0)) > 0.75 * np.linalg.norm(np.ptp(b, axis=0))
+
+
+def test_the_packed_biped_is_a_g1_whose_waist_and_arms_are_fixed() -> None:
+    whole = pytest.importorskip("example_robot_data").load("g1").model
+    upper = ("waist", "shoulder", "elbow", "wrist")
+    fixed = [k for k, name in enumerate(whole.names) if any(part in name for part in upper)]
+    theirs = pin.buildReducedModel(whole, fixed, pin.neutral(whole))
+    ours = load_robot("g1_legs", "free").model
+    assert list(ours.names) == list(theirs.names)
+    assert all(a.isApprox(b, 1e-9) for a, b in zip(ours.inertias, theirs.inertias, strict=True))
+    assert ours.jointPlacements[2] == theirs.jointPlacements[2]
 
 
 def test_a_missing_library_of_the_system_is_named_in_one_sentence(monkeypatch):

@@ -24,7 +24,14 @@ from nsaid_mj.clinic.logs.mapping import map_of
 from nsaid_mj.clinic.logs.recordings import Recordings
 from nsaid_mj.clinic.logs.unusable import UnusableLog
 
-from . import field_causes, field_commands, field_episodes, field_phases, field_timing
+from . import (
+    field_causes,
+    field_commands,
+    field_episodes,
+    field_phases,
+    field_timing,
+    field_walking,
+)
 from .judging import NOT_RUN, Judgement
 from .offline import HALF_WIDTHS, LEAST, doubted, judge, judge_ratios
 
@@ -247,6 +254,32 @@ def command(draw: Callable[..., field_commands.Drawn], code: str, seed: int, fol
     return identified(f"{drawn.model.stem}", drawn.truth, run, named)
 
 
+def walking(kind: str, seed: int, folder: Path) -> Tried:
+    """A robot that walks: what is wrong is named and mended, and the result holds."""
+    drawn = field_walking.draw(seed, folder, kind)
+    robot = load_robot_model(str(drawn.model))
+    tried = Tried(drawn.words)
+
+    def run(log: Path, text: str) -> Judgement:
+        mapping = map_of(tomllib.loads(text)) if text else None
+        known = {"mass": drawn.mass}
+        try:
+            found = identify_forces(str(drawn.model), log, mapping=mapping, known=known)
+        except UnusableLog as error:
+            return _refused(error)
+        return numbers(found, drawn.truth)
+
+    found = fix([drawn.log], "", robot)
+    judge_cause(tried, found, drawn.codes, ())
+    if not refusals(found.before.findings):
+        tried.believe(run(drawn.log, ""))
+    elif found.kept:
+        tried.believe(run(drawn.log, found.text))
+    elif found.changes:
+        tried.right = False
+    return tried
+
+
 def episodes(seed: int, folder: Path) -> Tried:
     """Short episodes, in one file or in many."""
     drawn = field_episodes.draw(seed, folder)
@@ -268,5 +301,6 @@ KINDS: dict[str, Callable[[int, Path], Tried]] = {
     "thruster curves": partial(command, field_commands.draw_curve, ""),
     "delay, friction, rate": delay,
     "episodes": episodes,
+    **{kind: partial(walking, kind) for kind in field_walking.KINDS},
 }
 """What is drawn from a seed and tried in a folder, by name."""

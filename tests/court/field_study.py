@@ -41,6 +41,7 @@ def wrong(line: Line) -> bool:
 
 
 GROUPS = {
+    "robots that walk": ("walking",),
     "healthy": ("healthy", "gentle"),
     "clock": ("clock",),
     "signs": ("reversed", "signs of rates"),

@@ -102,7 +102,8 @@ def test_kinds_are_grouped_by_what_is_wrong():
     assert groups["Euler angles, healthy"] == groups["phases: gentle"] == "healthy"
     assert groups["Euler angles, all in NED"] == groups["twist in FRD"] == "frames"
     assert groups["Euler angles, rates in deg/s"] == "units, motor side"
-    assert groups["PD law"] == "PD law" and len(set(groups.values())) == 14
+    assert groups["walking: commands swapped"] == "robots that walk"
+    assert groups["PD law"] == "PD law" and len(set(groups.values())) == 15
 
 
 def test_a_cause_is_named_and_a_remedy_that_does_not_restore_the_log_is_tried(

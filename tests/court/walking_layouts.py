@@ -56,16 +56,23 @@ def read_walk(log: Path) -> Walked:
     return Walked(zip(names, rows.T, strict=True))
 
 
-def by_legs(joints: Sequence[str], legs: Sequence[str] = LEGS) -> list[str]:
-    """The joints leg by leg, in an order of the legs."""
-    return [joint for leg in legs for joint in joints if joint.startswith(leg)]
+def by_limbs(joints: Sequence[str]) -> list[list[str]]:
+    """The joints of each leg, whose names begin alike, in the model's order."""
+    limbs = dict.fromkeys(joint.split("_")[0] for joint in joints)
+    return [[joint for joint in joints if joint.split("_")[0] == limb] for limb in limbs]
+
+
+def by_legs(joints: Sequence[str]) -> list[str]:
+    """The joints leg by leg, in Unitree's order of the legs if the robot has these."""
+    limbs = by_limbs(joints)
+    names = [limb[0].split("_")[0] for limb in limbs]
+    order = [names.index(leg) for leg in LEGS] if set(names) == set(LEGS) else range(len(limbs))
+    return [joint for k in order for joint in limbs[k]]
 
 
 def by_depth(joints: Sequence[str]) -> list[str]:
     """The joints by their place in the leg, hips first, as a search through the tree by breadth."""
-    limbs = list(dict.fromkeys(joint.split("_")[0] for joint in joints))
-    each = [[joint for joint in joints if joint.startswith(limb)] for limb in limbs]
-    return [joint for level in zip(*each, strict=True) for joint in level]
+    return [joint for level in zip(*by_limbs(joints), strict=True) for joint in level]
 
 
 def _numbered(stem: str, columns: Array) -> Table:

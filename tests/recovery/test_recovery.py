@@ -34,6 +34,7 @@ BARS = {
     "borinot": {"force_residual_ratio": 0.01, "conserved_drift": 1e-7},
     "quadruped": {"theta_perp_ratio": 0.1, "actuator_ratio_error": 2e-3},
     "quadruped_stand": {"theta_perp_ratio": 1e-4},
+    "biped": {"theta_perp_ratio": 0.06, "actuator_ratio_error": 1e-4},
     "one_axis_at_a_time": {"theta_perp_ratio": 1e-5, "conserved_drift": 1e-4},
     "straight_then_slalom": {"theta_perp_ratio": 1e-5, "conserved_drift": 1e-4},
     "wrist_first": {"theta_perp_ratio": 1e-5, "conserved_drift": 1e-4},
@@ -42,7 +43,11 @@ BARS = {
 
 LONG = {"uvms", "borinot", "panda", "crazyflie", "hummingbird", "kinova", "z1", "bmw320i"}
 LONG |= {"f1tenth", "rover"}  # a car is in straight_then_slalom, links and wheels in others
-LONG |= {"quadruped", "quadruped_stand"}  # tests/lab/plants/test_walking.py walks for less time
+LONG |= {
+    "biped",
+    "quadruped",
+    "quadruped_stand",
+}  # tests/lab/plants/test_walking.py walks for less time
 LONG |= {"wrist_first", "remus100"}  # as one_axis_at_a_time; the other is in test_memory.py
 
 

@@ -171,9 +171,10 @@ def write(
     page = pages_page(result, command)
     files.append(page.write_html(folder))
     from ...base import RECORDING, installed
-    from ..identify.recording import record
 
     if installed("rerun"):
+        from ..identify.recording import record
+
         report("writing the recording")
         files.append(record(page, folder / RECORDING))
     if result.law is not None:
@@ -235,7 +236,6 @@ def identify_given(
     write_servo_mjcf(result, model_file)
     write_json(path, without_nonfinite(result.summary()))
     from ...base import RECORDING, installed
-    from ..identify.recording import record_servos
     from ..servos.page import servo_page as servos_page
 
     commands = [repeated(chosen)]
@@ -245,6 +245,8 @@ def identify_given(
         commands.append(shlex.join(["nsaid", "view", str(folder)]))
     page = servos_page(result, commands, replay)
     if installed("rerun"):
+        from ..identify.recording import record_servos
+
         progress.say("writing the recording")
         files.append(record_servos(page, replay, folder / RECORDING))
     return page, [*files, page.write_html(folder)]

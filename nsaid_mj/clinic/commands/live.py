@@ -25,24 +25,35 @@ _SHOWN = 1.0  # time between two printed estimates [s]
 def follow_robot(chosen: ToFollow) -> int:
     """Executes `nsaid live` and returns the exit code."""
     check_live(chosen)
+    from ..identify.models import load_robot_model
+    from ..walking import first_of, walks
+
+    joints = names_in(chosen.joints) or None
+    model = load_robot_model(chosen.model, names_in(chosen.lock), joints)
+    if not model.walks or chosen.json:  # from Python, which waits for the head
+        return _follow_law(chosen, None)
+    _wait_for(chosen)
+    first, lines = first_of(_source(chosen))
+    if walks(model, first):  # it may also hang on a stand: its first sample says which
+        return _follow_walking(chosen, model.joints, lines)
+    return _follow_law(chosen, lines)
+
+
+def _source(chosen: ToFollow) -> Lines:
+    from ..logs.stream import bound, standard_input
+
+    return standard_input() if chosen.udp is None else bound(chosen.udp)
+
+
+def _follow_law(chosen: ToFollow, given: Lines | None) -> int:
+    """Follows the samples with a law; `given` are those that a first one was read of, if any."""
     from ...lab import Progress, finish, print_result, summary_of
     from ..identify.measured import LiveRobot, measured_scenario
-    from ..identify.models import load_robot_model
-    from ..logs.stream import bound, standard_input
     from ..session import Session
-    from ..walking import first_of, walks
 
     name = Path(chosen.model).stem
     lock = names_in(chosen.lock)
     joints = names_in(chosen.joints)
-    given: Lines | None = None
-    model = load_robot_model(chosen.model, lock, joints or None)
-    if model.walks:  # or hangs on a stand: its first sample says which
-        given = standard_input() if chosen.udp is None else bound(chosen.udp)
-        _wait_for(chosen, name)
-        first, given = first_of(given)
-        if walks(model, first):
-            return _follow_walking(chosen, model.joints, given)
     robot = LiveRobot(robot=chosen.model, lock=lock, joints=joints, gain=chosen.gain)
     noise = chosen.position_noise, chosen.velocity_noise
     scenario = measured_scenario(robot, chosen.law, chosen.rate, noise, chosen.prior_error)
@@ -53,11 +64,11 @@ def follow_robot(chosen: ToFollow) -> int:
             session = Session(scenario, chosen.frame)
             progress.say("loading kernels")
             session.warm_up()
-        lines = given or (standard_input() if chosen.udp is None else bound(chosen.udp))
+        lines = _source(chosen) if given is None else given
         if chosen.json:
             _print_head(session, folder)
         elif given is None:
-            _wait_for(chosen, name)
+            _wait_for(chosen)
         observers: list[Observer] = []
         if chosen.view:
             require("rerun", "view", "A recording")
@@ -86,8 +97,9 @@ def _print_head(session: Session, folder: Path) -> None:
     print(json.dumps(head | {"folder": str(folder)}, allow_nan=False), flush=True)
 
 
-def _wait_for(chosen: ToFollow, name: str) -> None:
+def _wait_for(chosen: ToFollow) -> None:
     if not (chosen.quiet or chosen.json):
+        name = Path(chosen.model).stem
         where = "standard input" if chosen.udp is None else f"UDP port {chosen.udp}"
         print(f"{name}: waiting for samples from {where}", file=sys.stderr)
 
@@ -99,26 +111,21 @@ def _follow_walking(chosen: ToFollow, joints: tuple[str, ...], lines: Lines) -> 
     from ...lab import folder_for_results
     from ...report import print_page
     from ..walking import WalkingSamples, identified_along
-    from .identify import RESULT, files_of_results, write
+    from .identify import files_of_results, write
 
     samples = WalkingSamples(joints, lines)
     name = f"{Path(chosen.model).stem}-live"
     files = files_of_results(chosen.model)
-    show = _send if chosen.json else (_print if not chosen.quiet else lambda _: None)
+    show = _print if not chosen.quiet else lambda _: None
     options = {"lock": names_in(chosen.lock), "joints": names_in(chosen.joints) or None}
     with folder_for_results(name, chosen.out, chosen.force, files, "results") as folder:
-        if chosen.json:
-            widths = {"q": len(joints), "v": len(joints), "u": len(joints), "imu": 10}
-            print(json.dumps({"widths": widths, "folder": str(folder)}), flush=True)
 
         def say(text: str) -> None:
             print(text, file=sys.stderr, flush=True)
 
         found = identified_along(chosen.model, options, samples, folder, show, say)
         page, written = write(found, folder, lambda _: None)
-        if chosen.json:
-            print((folder / RESULT).read_text(encoding="utf-8"), end="")
-        elif not chosen.quiet:
+        if not chosen.quiet:
             print_page(page, Console(), written)
     return ExitCode.of(page.result)
 

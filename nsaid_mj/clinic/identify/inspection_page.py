@@ -1,7 +1,6 @@
 """Terminal output and plot of an inspected log."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -48,7 +47,8 @@ def print_inspection(found: Inspection, console: Console) -> None:
     findings = Finding.gravest_first(found.findings)
     grave = tuple(finding for finding in findings if finding.level != "note")
     if result.explains is not None:
-        print_page(Page("", replace(result, findings=grave)), console)
+        print_page(Page("", result), console)
+    print_findings(grave, console, codes=True)
     heads = ("channel", "from", "to", "noise", "step", "flat", "same", "used as")
     for clock in dict.fromkeys(map(_clock, found.channels)):
         own = [channel for channel in found.channels if _clock(channel) == clock]
@@ -60,10 +60,8 @@ def print_inspection(found: Inspection, console: Console) -> None:
         rest = [Text(f"… and {more} more, which --json lists")] if more > 0 else []
         print_panels([Text(clock), table, *rest], console)
     console.print()
-    if result.explains is None:
-        print_findings(grave, console, whole=True)
     notes = [finding for finding in findings if finding.level == "note"]
-    print_findings(notes, console, whole=True)
+    print_findings(notes, console, codes=True)
 
 
 def result_of(found: Inspection) -> Result:

@@ -43,15 +43,15 @@ def picture(result: Identification) -> PageFigure | None:
     joints = flat[: len(names), 0]
     marks = {j.name: wording.quality(j.held_out, j.alone).kind for j in result.joints}
     with style():
-        figure = Figure(figsize=(WIDTH, max(3.0, 0.09 * len(names) + 1)))
-        axis = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        axis.set_aspect("equal")
-        axis.set_axis_off()
         floor = _floor(segments, size)
-        axis.fill(*floor.T, color=GRID, zorder=1, linewidth=0)
         shown = np.vstack([flat.reshape(-1, 2), floor])
         low = shown.min(axis=0)
         high = shown.max(axis=0)
+        figure = Figure(figsize=(WIDTH, _height(high - low, len(names))))
+        axis = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        axis.set_aspect("equal")
+        axis.set_axis_off()
+        axis.fill(*floor.T, color=GRID, zorder=1, linewidth=0)
         for number, (a, b) in enumerate(flat):
             thick = number < len(names)
             axis.plot(
@@ -76,6 +76,13 @@ def picture(result: Identification) -> PageFigure | None:
             if kind in marks.values()
         ]
         return PageFigure("Robot in its first logged pose", svg(figure, "robot"), legend)
+
+
+def _height(size: Array, names: int) -> float:
+    """Height of the picture [inch]: less for a robot that is flat, of width and height (2,)."""
+    if names > _COLUMN:
+        return max(3.0, 0.09 * names + 1)
+    return float(np.clip(0.6 * WIDTH * size[1] / max(size[0], 1e-9), max(1.4, 0.2 * names), 3.0))
 
 
 def _floor(segments: Array, size: float) -> Array:

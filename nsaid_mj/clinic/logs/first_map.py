@@ -11,7 +11,16 @@ from . import signals
 from .evidence import limits
 from .imu import imu_columns
 from .mapping import FACTORS, Map, Quantity, of_name
-from .matching import candidates, is_gripper, match_targets, named, set_points, words
+from .matching import (
+    candidates,
+    gain_columns,
+    is_gripper,
+    match_targets,
+    named,
+    set_points,
+    words,
+)
+from .remedies import line_of
 from .tables import LogTable, channel_names, values_of
 from .unnamed import unnamed
 
@@ -65,6 +74,22 @@ _DEGREES_OR_RANGE = """
 # position = "deg"
 # position = "range"
 """
+
+
+def _gains(tables: Sequence[LogTable], columns: dict[str, dict[str, str]]) -> str:
+    """The lines of a PD law's gains whose columns never change in a log."""
+    lines = []
+    for key, own in columns.items():
+        values = {joint: values_of(column, tables) for joint, column in own.items()}
+        first = {joint: float(x[0]) for joint, x in values.items() if len(x) and not np.ptp(x)}
+        if len(first) == len(own):
+            alike = len(set(first.values())) == 1
+            value = next(iter(first.values())) if alike else first
+            lines.append(f"{line_of(key, value)}  # of {next(iter(own.values()))} …\n")
+        else:
+            lines.append(f"# {key} changes along the log, as {next(iter(own.values()))} says\n")
+    return "".join(lines)
+
 
 _ORDER = '# order = "wxyz"  # or xyzw; left out: found by gravity and the gyroscope\n'
 _ANGLES = '# order = "rpy"  # or "rpy deg", or "gravity" for its direction; left out: found\n'
@@ -176,10 +201,14 @@ def first_map(tables: Sequence[LogTable], robot: RobotModel) -> str:
             parts += _servos(tables, robot, measured[0], targets)
         else:
             rows = np.eye(len(own), dtype=int).tolist()
+            gains = gain_columns(names, own)
+            if gains and all("cmd" in group.split() for group in found["command"]):
+                found["command"] = {}  # what a message with gains calls tau is feed-forward
             under_pd = bool(targets) and len(measured) == 1 and not found["command"]
             if under_pd:
                 found["command"] = {"targets": targets}
-            parts.append(_PD if under_pd else _COUPLING.format(rows=rows))
+            law = _PD + _gains(tables, gains) if under_pd else ""
+            parts.append(law or _COUPLING.format(rows=rows))
             more = None
             if under_pd:
                 more = {

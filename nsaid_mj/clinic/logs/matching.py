@@ -27,7 +27,7 @@ WORDS: dict[Quantity, frozenset[str]] = {
         "force moment voltage pwm esc throttle thr thrust thruster amps"
     ),
 }
-_OTHER = _set("acceleration acc accel ddq qdd error err temperature temp status mode limit")
+_OTHER = _set("acceleration acc accel ddq qdd error err temperature temp status mode limit kp kd")
 _WANTED = _set("target desired des cmd command commanded ref reference setpoint goal sp")
 _FORWARD = _set("ff feedforward forward")
 _TARGET = _WANTED | {"action"}
@@ -170,6 +170,20 @@ def match_targets(channels: Iterable[str], joints: Sequence[str]) -> dict[str, s
     groups = _targets(channels, joints)
     found = [own for group, members in groups.items() if (own := _by_joint(members, joints, group))]
     return found[0] if len(found) == 1 else {}
+
+
+def gain_columns(channels: Iterable[str], joints: Sequence[str]) -> dict[str, dict[str, str]]:
+    """The channels of a PD law's gains, kp and kd, by joint; without one that names do not tell."""
+    groups: dict[tuple[str, str], dict[str, str]] = defaultdict(dict)
+    for channel in channels:
+        joint, rest = _joint_of(words(channel), joints)
+        for key in {"kp", "kd"} & set(rest) if joint else ():
+            groups[key, " ".join(rest)].setdefault(joint, channel)
+    found = {}
+    for (key, group), members in groups.items():
+        if own := _by_joint(members, joints, group):
+            found[key] = own
+    return found
 
 
 def lacking_targets(channels: Iterable[str], joints: Sequence[str]) -> list[str]:

@@ -19,6 +19,7 @@ A momentum balance needs Ė too. With T = (J D Jᵀ)⁻¹ J D and U = Jᵀ (J D 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -48,6 +49,20 @@ def contact_jacobians(
     """
     J, _, places = _contact_motion(structure, contacts, q, np.zeros((len(q), structure.n)))
     return J, places
+
+
+def displaced_jacobians(
+    structure: Structure, contacts: Sequence[ContactPoint], q: Array
+) -> tuple[Array, Array]:
+    """(N, c, n) J at positions q (N, m), and how J changes where every contact's force acts higher.
+
+    That is by `ContactPoint.sinking`; in the common frame of `contact_jacobians`.
+    """
+    J, _ = contact_jacobians(structure, contacts, q)
+    if not any(contact.sinking for contact in contacts):
+        return J, np.zeros_like(J)
+    higher = [replace(contact, radius=contact.radius - contact.sinking) for contact in contacts]
+    return J, contact_jacobians(structure, higher, q)[0] - J
 
 
 def contact_accelerations(

@@ -25,7 +25,9 @@ class Touch(NamedTuple):
 
     J: Array  # (c, n) Jacobian
     w: Array  # (c,) measured acceleration
+    shift: Array  # (c, n) change of J where the forces act elsewhere, times √s
     Y: Array  # (n, c) acceleration of the robot by that of its contacts; written
+    force: Array  # (c,) forces of the contacts; written
     S: Array  # (c, c) workspace
     L: Array  # (c, c) workspace
     x: Array  # (c,) workspace
@@ -34,11 +36,11 @@ class Touch(NamedTuple):
     def of(c: int, n: int) -> "Touch":
         """For c components of contacts and n velocities."""
         square = (c, c)
-        sizes = (c, n), c, (n, c), square, square, c
+        sizes = (c, n), c, (c, n), (n, c), c, square, square, c
         return Touch(*(np.zeros(size) for size in sizes))
 
 
-TOUCH = types.NamedTuple((matrix, vector, matrix, matrix, matrix, vector), Touch)
+TOUCH = types.NamedTuple((matrix, vector, matrix, matrix, vector, matrix, matrix, vector), Touch)
 
 
 @kernel(void(TOUCH, WORKSPACE, vector), inner=True)
@@ -73,6 +75,7 @@ def move_contacts(touch, work, a):
         for k in range(c):
             a[i] += Y[i, k] * x[k]
     for i in range(c):
+        touch.force[i] = x[i]
         for k in range(c):
             S[i, k] = 1.0 if i == k else 0.0
     solve_many(touch.L, S)

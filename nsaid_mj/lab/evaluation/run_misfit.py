@@ -27,8 +27,7 @@ def filter_of(scenario: Scenario, system: SecondOrderSystem) -> KalmanFilter | N
     """The filter that judges a run.
 
     None for a law that does not use all information in the data, whose own error could be mistaken
-    for the structure's, and where the system has no compiled forward dynamics, or they depend on
-    contact forces that nobody measures.
+    for the structure's, and where the system has no compiled forward dynamics.
     """
     config = scenario.identifier
     if not isinstance(config, NullspaceAID) or config.law not in {"memory", "efficient"}:
@@ -37,8 +36,7 @@ def filter_of(scenario: Scenario, system: SecondOrderSystem) -> KalmanFilter | N
     assert isinstance(config, NullspaceAID)
     from ...core import KalmanFilter
 
-    predicted = system.forward and not system.structure.contacts
-    return KalmanFilter(system, scenario.dt, config.efficient) if predicted else None
+    return KalmanFilter(system, scenario.dt, config.efficient) if system.forward else None
 
 
 def misfit_of(run: Run) -> Misfit | None:

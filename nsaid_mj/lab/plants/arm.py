@@ -16,6 +16,7 @@ from ...robots import BadRobot, set_inertias, tree_spec
 from .world.simulated import SimulatedRobot
 
 AGREEMENT = 1e-10  # largest relative difference of M and bias between the engines
+_SOLE = 0.01  # half the thickness of a flat foot [m]
 _SAMPLES = 5  # random states at which they are compared
 
 
@@ -60,10 +61,17 @@ def give_rotors(spec: Any, system: JointTree, theta: Array) -> None:
             spec.joint(name).armature = inertia
 
 
-def give_feet(spec: Any, system: JointTree, sliding: float, softness: float) -> None:
-    """Adds level ground and the structure's round feet to MuJoCo's specification.
+def give_feet(
+    spec: Any,
+    system: JointTree,
+    sliding: float,
+    softness: float,
+    sole: tuple[float, ...] | None,
+) -> None:
+    """Adds level ground and the structure's feet to MuJoCo's specification.
 
-    Contacts have a coefficient of friction `sliding`, and a time constant `softness` [s].
+    Contacts have a coefficient of friction `sliding`, and a time constant `softness` [s]; `sole` is
+    that of `WalkingPlant`.
     """
     contact = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     spec.option.disableflags &= ~int(contact)
@@ -73,10 +81,11 @@ def give_feet(spec: Any, system: JointTree, sliding: float, softness: float) -> 
     ground.solref = [softness, 1.0]
     ground.priority = 1  # its values hold for the contacts
     for point in system.structure.contacts:
-        foot = spec.body(bodies[point.body]).add_geom(
-            type=mujoco.mjtGeom.mjGEOM_SPHERE, name=point.name, pos=point.centre
-        )
-        foot.size = [point.radius, 0, 0]
+        foot = spec.body(bodies[point.body]).add_geom(name=point.name, pos=point.centre)
+        foot.type = mujoco.mjtGeom.mjGEOM_BOX if sole else mujoco.mjtGeom.mjGEOM_SPHERE
+        foot.size = [*sole[2:], _SOLE] if sole else [point.radius, 0, 0]
+        if sole:
+            foot.pos = np.add(point.centre, (0.0, 0.0, _SOLE))
 
 
 def compare_engines(plant: SimulatedRobot, name: str, model: pin.Model) -> None:

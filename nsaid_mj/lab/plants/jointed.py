@@ -196,7 +196,9 @@ class WalkingPlant(JointedPlant):
 
     Attributes:
         feet: end of the names of the links at whose origins the feet's centres are.
-        foot_radius: of the feet [m].
+        foot_radius: of round feet [m].
+        sole: of flat feet: how far ahead of the link's origin and below it the sole's middle is,
+            half its length, and half its width [m], along the link's axes; none for round feet.
         sliding: coefficient of friction between feet and ground.
         softness: time constant of the ground's contact force, MuJoCo's `solref` [s].
     """
@@ -204,6 +206,7 @@ class WalkingPlant(JointedPlant):
     robot: Name = "go2"
     feet: Name = "_foot"
     foot_radius: Positive = 0.022  # of the go2 in MuJoCo Menagerie
+    sole: tuple[NonNegative, NonNegative, Positive, Positive] | None = None
     sliding: Positive = 0.8
     softness: Positive = 0.02
     _base: ClassVar[Literal["held", "free"]] = "free"
@@ -222,11 +225,17 @@ class WalkingPlant(JointedPlant):
             remedy = "Name them: --plant.feet FOOT."
             raise BadRobot(self.robot, "", f"no moving link's name ends in {self.feet!r}", remedy)
         sinking = _SINKING * GRAVITY * self.softness**2
+        middle = np.zeros(3)
+        flat = self.sole is not None
+        if self.sole is not None:
+            middle[:] = self.sole[0], 0.0, -self.sole[1]
+            sinking = 0.0  # its torques make up for a force that acts elsewhere
         contacts = tuple(
             ContactPoint(
                 f.parentJoint - 1,
-                f.placement.translation,
-                self.foot_radius,
+                f.placement.act(middle),
+                0.0 if flat else self.foot_radius,
+                flat=flat,
                 name=name,
                 sinking=sinking,
             )
@@ -239,7 +248,7 @@ class WalkingPlant(JointedPlant):
         """Adds the ground, and the feet."""
         from .arm import give_feet
 
-        give_feet(spec, system, self.sliding, self.softness)
+        give_feet(spec, system, self.sliding, self.softness, self.sole)
 
 
 @config

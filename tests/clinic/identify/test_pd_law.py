@@ -1,6 +1,9 @@
 """Gains of motors from targets and the known PD law of their controller."""
 
-from nsaid_mj.clinic.identify.identify import identify
+import pytest
+
+from nsaid_mj.clinic.identify.identify import identify, identify_forces
+from tests.court.field import numbers
 from tests.court.field_commands import draw_pd
 
 
@@ -17,3 +20,12 @@ def test_gains_and_rotors_of_legs_are_covered(tmp_path):
     ]
     assert sum(inside) >= len(inside) - 1
     assert abs(found.joints[0].delay - 0.01) < 0.002
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [340, 324], ids=["50 Hz", "jerky targets at 500 Hz"])
+def test_friction_is_not_narrow_around_a_wrong_value(tmp_path, seed):
+    """Viscous friction was .018 [.010, .032] for .080, and .52 [.42, .64] for .22."""
+    drawn = draw_pd(seed, tmp_path)
+    found = identify_forces(str(drawn.model), drawn.logs, mapping=drawn.map)
+    assert numbers(found, drawn.truth).wrong == []

@@ -156,6 +156,17 @@ def test_friction_follows_the_weight_of_the_links_that_load_it():
     np.testing.assert_allclose(after.Y[:, :, at], 3 * before.Y[:, :, at], rtol=1e-10, atol=1e-13)
 
 
+def test_only_dry_friction_turns_before_the_velocity():
+    robot = random_tree(0)
+    recordings = invented(robot)
+    rows = JointRows(robot, recordings, filter_for(recordings), np.ones(len(robot.joints)), 1.0)
+    same = rows.leading(0.0)
+    early = rows.leading(0.01)
+    np.testing.assert_array_equal(same.diagonal["coulomb"], rows.diagonal["coulomb"])
+    assert np.abs(early.diagonal["coulomb"] - rows.diagonal["coulomb"]).max() > 0.01
+    np.testing.assert_array_equal(early.diagonal["viscous"], rows.diagonal["viscous"])
+
+
 def test_a_law_follows_the_system_whose_rows_were_fitted():
     """Positions of continuous joints are (cos, sin) to a law, and angles in the rows."""
     found = identify_forces("tx40", columns=["load", "stribeck", "offset"], delay=0.0)

@@ -12,7 +12,7 @@ from nsaid_mj.core import KalmanFilter, Log, MemoryConfig, NullspaceAID
 from nsaid_mj.core.laws.base import Confidence, Status
 from nsaid_mj.core.laws.memory.statistics import Recorder
 from nsaid_mj.core.laws.settings import EfficientConfig
-from nsaid_mj.core.log import EXACT, SensorLevels
+from nsaid_mj.core.log import EXACT
 from nsaid_mj.core.quotient.cost import Remembered
 from tests.support.walkers import GAINS, quadruped, walk
 
@@ -123,21 +123,43 @@ def test_a_law_that_predicts_the_acceleration_is_refused(law):
         NullspaceAID(law=law).build(system, prior, 1e-3)
 
 
-def test_only_with_contacts_the_filter_expects_what_it_sees():
-    """At the truth: innovations of size 1 where no contact force reaches, of 36 those of 24."""
+def noisy_walk(first, last):
+    """Samples of the walk with noise, and the true θ."""
     whole, truth = walk()
-    log = whole.first(400)
+    log = whole.part(first, last)
     system, _ = quadruped(0.02)
     rng = np.random.default_rng(0)
-    levels = SensorLevels(1e-4, 5e-3)
-    moved = levels.position * rng.standard_normal((len(log.t), system.n))
+    moved = 1e-4 * rng.standard_normal((len(log.t), system.n))
     q = np.array([system.integrate(*pair) for pair in zip(log.q, moved, strict=True)])
-    v = log.v + levels.velocity * rng.standard_normal(log.v.shape)
-    noisy = Log(log.t, q, v, log.u)
+    return Log(log.t, q, log.v + 5e-3 * rng.standard_normal(log.v.shape), log.u), truth
+
+
+def test_the_filter_expects_what_feet_that_sink_in_do():
+    """From the truth, linearised there: errors of the size that P states."""
+    system, _ = quadruped(0.02)
+    log, truth = noisy_walk(1500, 3000)
+    errors = []
+    for sinking in (0.0, 5e-4):
+        feet = tuple(replace(foot, sinking=sinking) for foot in system.structure.contacts)
+        known = system.rebuilt(replace(system.structure, contacts=feet))
+        kalman = KalmanFilter(known, 1e-3, EfficientConfig(linearisation=0.0)).cautious()
+        state = kalman.at(log.q[0], log.v[0], truth, kalman.covariance(truth))
+        assert kalman.follow(state, log).completed
+        values, vectors = np.linalg.eigh(state.Ptt)
+        off = vectors.T @ ((state.theta - truth) / np.array(system.space.scale))
+        errors.append(np.mean(off[:100] ** 2 / values[:100]))
+    assert errors[0] > 100
+    assert errors[1] < 1
+
+
+def test_only_with_contacts_the_filter_expects_what_it_sees():
+    """At the truth: innovations of size 1 where no contact force reaches, of 36 those of 24."""
+    noisy, truth = noisy_walk(0, 400)
+    system, _ = quadruped(0.02)
     sizes = []
     for known in (system, system.rebuilt(replace(system.structure, contacts=()), system.space)):
         kalman = KalmanFilter(known, 1e-3, EfficientConfig())
-        state = kalman.at(q[0], v[0], truth, 1e-6 * np.eye(system.p))
+        state = kalman.at(noisy.q[0], noisy.v[0], truth, 1e-6 * np.eye(system.p))
         found = kalman.innovations(state, noisy)[100:]
         sizes.append(np.mean(found**2))
     assert sizes[0] == pytest.approx(24 / 36, abs=0.03)

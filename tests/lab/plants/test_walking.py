@@ -109,6 +109,16 @@ def test_other_robots_walk_too():
     assert len(plant.system.structure.contacts) == 4
 
 
+def test_a_biped_stands_on_flat_feet_whose_wrenches_nobody_measures():
+    setup = Setup.of(load("biped"))
+    rows, forces = steps_of(setup, 0.3)
+    assert [contact.rows for contact in setup.system.structure.contacts] == [6, 6]
+    weight = 9.81 * sum(setup.plant.truth[10 * b] for b in range(13))
+    assert forces[50:].sum(axis=1).mean() == pytest.approx(weight, rel=0.05)
+    assert rows[-1].q[2] > 0.95 * rows[0].q[2]
+    assert len(scales("biped")) == 1
+
+
 def test_a_robot_without_such_feet_is_refused():
     with pytest.raises(BadRobot, match="no moving link's name ends in '_paw'"):
         WalkingPlant(feet="_paw").build(2e-3, 0)
@@ -125,13 +135,13 @@ def test_a_stance_has_as_many_joints_as_a_leg(setup):
         Walk(stance=(0.0,) * 5).build(setup.system, setup.prior, np.random.default_rng(0))
 
 
-def fallen(seed, prior, error):
-    """Whether the base of the scenario's robot tilts by more than 35° in a minute."""
-    setup = Setup.of(replace(load("quadruped"), seed=seed, prior=prior, initial_error=error))
+def fallen(seed, prior, error, name="quadruped"):
+    """Whether the base of a scenario's robot tilts by more than 35° in a minute."""
+    setup = Setup.of(replace(load(name), seed=seed, prior=prior, initial_error=error))
     with setup.plant.running():
         log = setup.simulate()
     upright = 1 - 2 * (log.q[:, 3] ** 2 + log.q[:, 4] ** 2)
-    return len(log.t) < 30001 or upright.min() < np.cos(np.radians(35))
+    return len(log.t) <= setup.scenario.steps or upright.min() < np.cos(np.radians(35))
 
 
 @pytest.mark.slow
@@ -139,6 +149,7 @@ def fallen(seed, prior, error):
 def test_it_never_falls_with_masses_that_nobody_told_its_controller(seed):
     assert not fallen(seed, "nominal", 0.2)
     assert not fallen(seed, "drawn", 0.3)
+    assert not fallen(seed, "drawn", 0.3, "biped")
 
 
 @pytest.mark.slow

@@ -160,6 +160,13 @@ def test_a_drawing_refers_to_nothing_outside():
     assert not re.findall(r"https?:|xmlns|@import|<style|<!--|creator|matplotlib", text)
 
 
+def test_no_line_ends_within_a_flag_and_code_stays_escaped() -> None:
+    told = Result(explains="yes", verdict="Give `--known m=1 <kg>` or --load; a--b")
+    page = render_html(Page("r", told))
+    assert '<code><span class="flag">--known</span> m=1 &lt;kg&gt;</code>' in page
+    assert 'or <span class="flag">--load</span>; a--b' in page
+
+
 def test_a_legend_shows_dots_for_dots_and_a_line_for_a_line() -> None:
     def drawing(axis):
         axis.errorbar([1], [2], [[0.1], [0.1]], marker="h", color="#0b6e99", label="one point")

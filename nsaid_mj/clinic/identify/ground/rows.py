@@ -64,7 +64,7 @@ class Ground:
     # (N, feet) whether each touches, at the samples of every segment; None for all of them
     touching: tuple[Array, ...] | None = None
     # share of the base's answer to each step of held targets by which the accelerometer's readings
-    # exceed the mean between steps, and that answer, (M, 3) of every motion; None if nothing steps
+    # exceed the mean between steps, and that answer, (M, 3) of every segment; None if nothing steps
     at_step: float = 0.0
     answer: tuple[Array, ...] | None = None
 
@@ -100,7 +100,7 @@ class GroundRows(Rows):
         k = len(robot.joints)
         self.system = unrolled(robot.system)
         super().__init__(recordings, chosen, lambda *each: smooth_ground(ground, *each))
-        self.motions = [_between(k, each, ground) for k, each in enumerate(self.motions)]
+        self.motions = [self._between(k, each, ground) for k, each in enumerate(self.motions)]
         self.driven = recordings.driven(robot)
         law = recordings.feedback
         self._commands = [(s, smooth_commands(s, chosen, law)) for s in self.segments]
@@ -152,13 +152,26 @@ class GroundRows(Rows):
         """(M, feet) which feet may bear load along a motion; None for all of them."""
         if self.ground.touching is None:
             return None
+        own = self.ground.touching[self.position(number)]
+        return own[:: self.chosen.every].astype(bool)
+
+    def position(self, number: int) -> int:
+        """The number of a motion's segment among all of the recordings; short ones have no rows."""
         own = self.segments[number]
-        at = next(k for k, s in enumerate(self.recordings.segments) if s is own)
-        return self.ground.touching[at][:: self.chosen.every].astype(bool)
+        return next(k for k, s in enumerate(self.recordings.segments) if s is own)
+
+    def _between(self, number: int, motion: Smooth, ground: Ground) -> Smooth:
+        """A motion with the mean specific force between steps of the targets."""
+        if ground.answer is None or ground.at_step == 0:
+            return motion
+        a = motion.a.copy()
+        a[:, :3] -= ground.at_step * ground.answer[self.position(number)]
+        return motion._replace(a=a)
 
     def smoothed(self, number: int, ground: Ground) -> Smooth:
         """A motion under other assumptions about sensors."""
-        return _between(number, smooth_ground(ground, self.segments[number], self.chosen), ground)
+        motion = smooth_ground(ground, self.segments[number], self.chosen)
+        return self._between(number, motion, ground)
 
     def answer(self, number: int, theta: Array) -> Array:
         """(M, 3) accelerations of the base right after one row's step of the targets, at θ (p,).
@@ -202,8 +215,7 @@ class GroundRows(Rows):
         columns, rotors = self.terms(self.space)
         own = [column for column in columns if column.kind != "motor"]
         system = with_columns(self.system, own, rotors, len(self.space))
-        found = system.torques(theta, motion.q, motion.v, motion.a)
-        return found
+        return system.torques(theta, motion.q, motion.v, motion.a)
 
     def _sure(self) -> Mask:
         """(N, n) rows near which no leg is stretched, and in which a velocity's forces appear."""
@@ -383,15 +395,6 @@ def smooth_ground(ground: Ground, segment: LogSegment, chosen: Filter) -> Smooth
     a = np.asarray(np.hstack([force + down, spun, slope(log.t, rates)]), dtype=np.float64)
     usable = np.repeat(np.all(segment.usable, axis=1, keepdims=True), v.shape[1], axis=1)
     return Smooth(log.t[pick], q[pick], v[pick], a[pick], usable[pick])
-
-
-def _between(number: int, motion: Smooth, ground: Ground) -> Smooth:
-    """A motion with the mean specific force between steps of the targets."""
-    if ground.answer is None or ground.at_step == 0:
-        return motion
-    a = motion.a.copy()
-    a[:, :3] -= ground.at_step * ground.answer[number]
-    return motion._replace(a=a)
 
 
 def _travelled(segment: LogSegment, chosen: Filter) -> Array:

@@ -89,7 +89,7 @@ def structured_ground(
         remedy = "Log the IMU's specific force, too."
         findings.append(Finding("warning", "no_accelerometer", "base", text, remedy))
     report("finding how dry friction turns")
-    rows.speed, rows.lead = _friction(rows, fit.theta, delay)[0]
+    rows.speed, rows.lead = _friction(rows, fit.theta, delay)
     report("comparing IMU and joints")
     rows, fit, offsets = _allowed(rows, fit, delay)
     findings += offsets.findings([foot.name for foot in feet])
@@ -104,7 +104,7 @@ def structured_ground(
         half = INTERVAL * deviation
         interval = (common - half, common + half)
         others = [common + deviation]
-    (rows.speed, rows.lead), rival = _friction(rows, fit.theta, delay)
+    rows.speed, rows.lead = _friction(rows, fit.theta, delay)
     problem = rows.problem(delay)
     checked = None
     if validation is not None:
@@ -115,7 +115,7 @@ def structured_ground(
         checked = own.problem(delay)
     return Structured(
         problem,
-        _alternatives(rows, delay, others, rival),
+        _alternatives(rows, delay, others),
         checked,
         tuple(_structures(rows, delay, interval)),
         tuple(findings),
@@ -153,8 +153,10 @@ def _allowed(rows: GroundRows, fit: Fit, delay: Array) -> tuple[GroundRows, Fit,
 
 def _answered(rows: GroundRows, theta: Array) -> Ground:
     """The rows' ground, with what the base does at steps of held targets."""
-    answer = tuple(rows.answer(number, theta) for number in range(len(rows.motions)))
-    return replace(rows.ground, answer=answer)
+    answer = [np.zeros((0, 3)) for _ in rows.recordings.segments]
+    for number in range(len(rows.motions)):
+        answer[rows.position(number)] = rows.answer(number, theta)
+    return replace(rows.ground, answer=tuple(answer))
 
 
 def _released(rows: GroundRows, fit: Fit, delay: Array) -> tuple[GroundRows, Stance]:
@@ -240,10 +242,10 @@ def _swing(rows: GroundRows, seen: Stance) -> Iterator[Finding]:
 _RARE = 0.01  # share of swing below which a foot counts as never released
 
 
-def _friction(rows: GroundRows, theta: Array, delay: Array) -> tuple[tuple[int, float], float]:
+def _friction(rows: GroundRows, theta: Array, delay: Array) -> tuple[int, float]:
     """The speed's index in `SPEEDS` and the lead of dry friction with the least cost.
 
-    Both are common to all joints. The second value is the next best lead [s].
+    Both are common to all joints.
     """
     share = inflation(rows.problem(delay), theta)
 
@@ -259,8 +261,7 @@ def _friction(rows: GroundRows, theta: Array, delay: Array) -> tuple[tuple[int, 
         leads = [(speed, k) for k in range(max(lead - 1, 0), min(lead + 2, len(_LEADS)))]
         found = min((best, *near, *leads), key=lambda each: cost(*each))
         if found == best:
-            rival = min((each for each in leads if each != best), key=lambda each: cost(*each))
-            return (speed, _LEADS[lead]), _LEADS[rival[1]]
+            return speed, _LEADS[lead]
         best = found
 
 
@@ -315,15 +316,15 @@ def _structures(
         )
 
 
-def _alternatives(
-    rows: GroundRows, delay: Array, others: Sequence[float], lead: float
-) -> Iterator[FitProblem]:
+def _alternatives(rows: GroundRows, delay: Array, others: Sequence[float]) -> Iterator[FitProblem]:
     """Other plausible problems: another delay, friction speed or lead, and cut-off."""
     for other in others:
         yield rows.problem(np.full(len(delay), other))
     for speed in {max(rows.speed - 2, 0), min(rows.speed + 2, len(SPEEDS) - 1)} - {rows.speed}:
         yield rows.problem(delay, speed)
-    yield rows.problem(delay, lead=lead)
+    for lead in _LEADS:  # noise of the accelerations hides it in part
+        if lead != rows.lead:
+            yield rows.problem(delay, lead=lead)
     if rows.recordings.feedback is not None:
         yield rows.problem(delay, lag=_LAG)
     chosen = filter_of(rows.recordings, NARROWER * rows.chosen.cutoff)

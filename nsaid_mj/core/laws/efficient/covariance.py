@@ -85,6 +85,25 @@ def _add_contacts(touch, R, dt, rows):
                 rows[i, 2 * n + j] += variance * touch.Y[i, k] * touch.Y[j, k]
 
 
+@kernel(void(TOUCH, matrix, f8, matrix, matrix), inner=True)
+def _add_displaced(touch, L, dt, columns, rows):
+    """Adds what uncertain places of the contacts do to c, the last n columns of `rows` (n, 3n).
+
+    Row by row, `touch.shift` times its force is the density of a white noise. L is the factor that
+    `solve_positive` left; the first rows of `columns` (2n, 2n) are workspace.
+    """
+    n = touch.Y.shape[0]
+    effects = columns[:n]
+    for i in range(n):
+        for k in range(n):
+            effects[i, k] = touch.shift[k, i] * touch.force[k] if k < touch.J.shape[0] else 0.0
+    solve_many(L, effects)
+    for i in range(n):
+        for j in range(n):
+            for k in range(touch.J.shape[0]):
+                rows[i, 2 * n + j] += effects[i, k] * effects[j, k] / dt
+
+
 @kernel(void(vector, vector, vector, f8, f8, FILTER, WORKSPACES), inner=True)
 def predict(scale, walk, unexplained, gamma, dt, filter, workspace):
     """Writes P̄, without R, from the derivatives F and B of `transition`.
@@ -115,6 +134,7 @@ def predict(scale, walk, unexplained, gamma, dt, filter, workspace):
         _add_unexplained(unexplained, dt, filter.theta, workspace.stage.L, workspace.S, both[size:])
     if workspace.touch.J.shape[0]:
         _add_contacts(workspace.touch, workspace.R, dt, both[size:])
+        _add_displaced(workspace.touch, workspace.stage.L, dt, workspace.S, both[size:])
     multiply(F, with_theta, Pxt)
     multiply(F, both, workspace.moved)
     multiply_transposed(workspace.moved, F, Pxx)

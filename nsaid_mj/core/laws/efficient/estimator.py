@@ -13,7 +13,7 @@ from ...log import Log, Measurement
 from ...nullspace.subspace import parts_of
 from ...parameters import Array
 from ...quotient.cone import Cone
-from ...structure.contacts import contact_jacobians
+from ...structure.contacts import displaced_jacobians
 from ...structure.system import SecondOrderSystem
 from ..cone.prior import drawn_covariance, spread_of_numbers
 from ..settings import EfficientConfig
@@ -33,6 +33,7 @@ from .steps import margin_of
 
 USUAL = 0.3
 """Default of the largest relative error of a prior."""
+_STAYS = 2.0  # time constant of the error of a contact's place, as a foot stands for seconds [s]
 _UNTESTED = 10**9  # samples: a window that never ends
 _LEAST_WINDOW = 10  # samples over which innovations are tested, at least
 _INDEFINITE = 1e-13  # least eigenvalue over the largest, of a P_θθ that rounding made indefinite
@@ -143,10 +144,12 @@ class KalmanFilter:
             along = Along.empty(len(log.t), self.system.n, self.system.p)
         structure = self.system.structure
         J = np.zeros((len(log.t) - 1, 0, self.system.n))
+        shifts = J
         if structure.contacts:
             middle = self.system.midpoints(log, hermite=False).q
-            J, _ = contact_jacobians(structure, structure.contacts, middle)
-        last, end = follow_filter(self.constants, state, *log, J, along)
+            J, shifts = displaced_jacobians(structure, structure.contacts, middle)
+            shifts *= np.sqrt(2 * _STAYS)
+        last, end = follow_filter(self.constants, state, *log, J, shifts, along)
         return Stretch(last, end == COMPLETED, end == CONTRADICTED, end == ROUNDED)
 
     def innovations(self, state: FilterState, log: Log) -> Array:

@@ -27,7 +27,9 @@ reverses is neither linear nor stable.
 Contacts without force sensors are an unknown input. The prediction takes their acceleration from
 the last measured steps, v̇ = v̇₀ + Y (w − J v̇₀) of `structure.touching`. It may be wrong by any
 amount, so P̄ gains F_c Y Yᵀ F_cᵀ times a variance far above the noise's. An innovation then counts
-only in the directions that no contact force reaches, those of E W.
+only in the directions that no contact force reaches, those of E W. Where even
+these are not exact, because feet sink in, P̄ gains F_c M̂⁻¹ δJᵀ λ̂ λ̂ᵀ δJ M̂⁻¹ F_cᵀ: δJ is due to an
+error of the contacts' places that stays for seconds, as a white noise of its low frequencies.
 """
 
 import numpy as np
@@ -189,9 +191,9 @@ def _move(constants, filter, dt, q, v, u, workspace):
     return pivot
 
 
-@kernel(void(matrix, matrix, f8, TOUCH), inner=True)
-def _touch(J, increments, dt, touch):
-    """Writes the contacts of a step: J (c, n) half-way, and their acceleration in the last ones.
+@kernel(void(matrix, matrix, matrix, f8, TOUCH), inner=True)
+def _touch(J, shift, increments, dt, touch):
+    """Writes the contacts of a step: J and its shift (c, n) half-way, and their last acceleration.
 
     `increments` (3, 2n) are measured, of the steps before: of this step they would have the noise
     of the innovation, and the derivatives by θ with it.
@@ -202,14 +204,16 @@ def _touch(J, increments, dt, touch):
         touch.w[i] = 0.0
         for j in range(n):
             touch.J[i, j] = J[i, j]
+            touch.shift[i, j] = shift[i, j]
             for k in range(count):
                 touch.w[i] += J[i, j] * increments[k, n + j] / (count * dt)
 
 
 @kernel(
-    i8(CONSTANTS, FILTER, i8, vector, matrix, matrix, matrix, cube, ALONG, WORKSPACES), inner=True
+    i8(CONSTANTS, FILTER, i8, vector, matrix, matrix, matrix, cube, cube, ALONG, WORKSPACES),
+    inner=True,
 )
-def _follow_row(constants, filter, k, t, q, v, u, J, along, workspace):
+def _follow_row(constants, filter, k, t, q, v, u, J, shifts, along, workspace):
     """Runs the filter from row k − 1 to k, and returns how it ended."""
     structure = constants.structure
     tally = filter.tally
@@ -219,7 +223,7 @@ def _follow_row(constants, filter, k, t, q, v, u, J, along, workspace):
     x = workspace.stage.scratch
     v1 = workspace.v1
     out = along.innovation[k]
-    _touch(J[k - 1], filter.noise.increments, t[k] - t[k - 1], workspace.touch)
+    _touch(J[k - 1], shifts[k - 1], filter.noise.increments, t[k] - t[k - 1], workspace.touch)
     difference(structure.bodies, q[k - 1], q[k], y, x)
     for i in range(n):
         y[n + i] = v[k, i] - v[k - 1, i]
@@ -265,16 +269,16 @@ def _follow_row(constants, filter, k, t, q, v, u, J, along, workspace):
 
 @kernel(
     types.UniTuple(i8, 2)(
-        CONSTANTS, FILTER, vector, matrix, matrix, matrix, cube, ALONG, WORKSPACES
+        CONSTANTS, FILTER, vector, matrix, matrix, matrix, cube, cube, ALONG, WORKSPACES
     )
 )
-def _follow(constants, filter, t, q, v, u, J, along, workspace):
+def _follow(constants, filter, t, q, v, u, J, shifts, along, workspace):
     """Runs the filter along a log, in workspace from `follow_filter`."""
     n = v.shape[1]
     size = 2 * n - J.shape[1]  # contacts that move freely leave no innovations
     tally = filter.tally
     for k in range(1, t.shape[0]):
-        end = _follow_row(constants, filter, k, t, q, v, u, J, along, workspace)
+        end = _follow_row(constants, filter, k, t, q, v, u, J, shifts, along, workspace)
         for i in range(filter.theta.shape[0]):
             along.theta[k, i] = filter.theta[i]
         for i in range(n):
@@ -296,14 +300,15 @@ def follow_filter(
     v: Array,
     u: Array,
     J: Array,
+    shifts: Array,
     along: Along,
 ) -> tuple[int, int]:
     """Runs the filter along a log of N samples, from its state at the first, which it overwrites.
 
     t (N,) is in s, q is (N, m), v (N, n), u (N, n_u), J (N−1, c, n) the contacts' Jacobian half-way
-    between samples; rows of `along` are written. Returns the last row processed, and how the loop
-    ended.
+    between samples, shifts (N−1, c, n) the density of its error [√s]; rows of `along` are written.
+    Returns the last row processed, and how the loop ended.
     """
     sizes = v.shape[1], q.shape[1], len(constants.scale), J.shape[1]
     workspace = workspace_for(constants.structure, *sizes)
-    return _follow(constants, filter, t, q, v, u, J, along, workspace)
+    return _follow(constants, filter, t, q, v, u, J, shifts, along, workspace)

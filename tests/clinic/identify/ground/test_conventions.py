@@ -1,5 +1,6 @@
 """Walking logs whose columns mean something else than their names say."""
 
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 from nsaid_mj.clinic.identify.ground.conventions import convention_findings, limbs_of, orders
 from nsaid_mj.clinic.identify.identify import recordings_of
 from nsaid_mj.clinic.identify.models import floating, load_robot_model
+from nsaid_mj.clinic.logs.first_map import first_map
 from nsaid_mj.clinic.logs.mapping import map_of
 from nsaid_mj.clinic.logs.matching import match
 from nsaid_mj.clinic.logs.preparation import prepare
@@ -131,3 +133,31 @@ def test_motors_of_unitrees_messages_are_found_by_their_numbers() -> None:
     assert calf.command is not None and calf.command.column == "motor_state[8].tau_est"
     other = match(channels, [f"joint_{k}" for k in "abcdef"]).joints
     assert other["joint_f"].position.column == "motor_state[5].q"
+
+
+def test_the_first_map_takes_gains_from_columns_that_never_change(tmp_path: Path) -> None:
+    """Unitree's LowCmd: targets, gains and a feed-forward torque of every motor."""
+    log = walked(tmp_path, seconds=1.0)
+    held = load_robot_model(str(log.model))
+    t = np.arange(200) / 200
+    table = {"t": t}
+    for k in range(len(held.joints)):
+        table |= {f"motor_state[{k}].q": np.sin(t + k), f"motor_state[{k}].dq": np.cos(t + k)}
+        wanted = {
+            "q": np.sin(t),
+            "dq": 0 * t,
+            "kp": 0 * t + 25 + k,
+            "kd": 0 * t + 0.5,
+            "tau": 0 * t,
+        }
+        table |= {f"motor_cmd[{k}].{field}": x for field, x in wanted.items()}
+    path = tmp_path / "cmd.csv"
+    rows = np.column_stack(list(table.values()))
+    np.savetxt(path, rows, delimiter=",", header=",".join(table), comments="")
+    text = first_map(read_tables([path]), held)
+    own = map_of(tomllib.loads(text)).pd
+    assert own is not None and own.kd == 0.5
+    assert own.kp == {joint: 25.0 + k for k, joint in enumerate(held.joints)}
+    joint = map_of(tomllib.loads(text)).joints[held.joints[0]]
+    assert joint.command is not None and joint.command.column == "motor_cmd[0].q"
+    assert joint.feedforward is not None and joint.feedforward.column == "motor_cmd[0].tau"

@@ -12,7 +12,12 @@ from nsaid_mj.clinic.identify.ground.feet import feet_of, imu_pose
 from nsaid_mj.clinic.identify.ground.offsets import at_rest
 from nsaid_mj.clinic.identify.ground.rows import BASE, Ground, GroundRows
 from nsaid_mj.clinic.identify.ground.search import expected_gains, filter_of
-from nsaid_mj.clinic.identify.identify import identify_forces, recordings_of
+from nsaid_mj.clinic.identify.identify import (
+    identify,
+    identify_forces,
+    recordings_of,
+    servos_of,
+)
 from nsaid_mj.clinic.identify.inspection import inspect
 from nsaid_mj.clinic.identify.models import floating, load_robot_model
 from nsaid_mj.clinic.logs.first_map import first_map
@@ -21,7 +26,7 @@ from nsaid_mj.clinic.logs.tables import read_tables
 from nsaid_mj.clinic.logs.unusable import UnusableLog
 from nsaid_mj.robots import BadRobot, load_tree
 
-from .walking import GAINS, Walked, walked
+from .walking import GAINS, Walked, model_text, walked
 
 
 @pytest.fixture(scope="module")
@@ -202,3 +207,45 @@ def test_gains_under_unknown_contact_forces(log: Walked) -> None:
     assert own[0] < 0.2  # type: ignore[index]
     assert nominal[0] > 0.5  # type: ignore[index]
     assert "not simulated further, since a foot that touches down" in replayed.text
+
+
+def test_damping_acts_on_what_the_joints_travelled(rows: GroundRows) -> None:
+    """Between samples a stiff loop moves otherwise than sampled velocities say."""
+    (segment,) = rows.recordings.segments
+    log = segment.log._replace(v=segment.log.v + 0.1)
+    other = rows.like(replace(rows.recordings, segments=(segment._replace(log=log),)))
+    at = [rows.space.index(f"viscous_{k + 1}") for k in range(len(GAINS))]
+    rubbed = [rows.space.index(f"coulomb_{k + 1}") for k in range(len(GAINS))]
+    none = np.zeros(len(GAINS))
+    changed = other.problem(none).Y - rows.problem(none).Y
+    assert np.abs(changed[:, :, rubbed]).max() > 0.1
+    np.testing.assert_allclose(changed[:, :, at], 0.0, atol=1e-12)
+
+
+def test_servos_of_a_robot_that_walks_make_torques(log: Walked, tmp_path: Path) -> None:
+    """Their targets are not simulated, as those of a servo arm are: contact forces are unknown."""
+    (tmp_path / "tripod.xml").write_text(model_text(servos=True))
+    table = tmp_path / "walk.csv"
+    table.write_text(log.log.read_text().replace("current", "target", len(GAINS)))
+    robot = load_robot_model(str(tmp_path / "tripod.xml"))
+    recordings = recordings_of([table], None, robot)
+    assert recordings.feedback is not None
+    np.testing.assert_allclose(recordings.feedback, [[150] * 9, [4] * 9])
+    assert servos_of(robot, [table]) is None
+
+
+@pytest.mark.slow
+def test_targets_of_held_servos_identify_stiffness_and_damping(tmp_path: Path) -> None:
+    """Stiff servos follow each step of a held target between the rows, of which sensors miss part.
+
+    The accelerometer is read right after the steps: about half of each step's answer is too much.
+    The feet never leave the ground and hide part of the mass, so ratios are judged.
+    """
+    log = walked(tmp_path, rate=200, servos=True)
+    found = identify(str(log.model), [log.log], known={"mass": log.mass})
+    ratio = np.array([p.value for p in found.gains]) / GAINS
+    assert np.log(ratio).std() < 0.01
+    damping = np.array([p.value for p in found.of("viscous friction")]) / ratio
+    np.testing.assert_allclose(damping, 4 * GAINS + 0.1, rtol=0.05)
+    (said,) = [f for f in found.findings if f.code == "offset_at_step"]
+    assert 0.2 < said.data["value"][0] < 0.8

@@ -28,11 +28,13 @@ _STANDING = 500  # steps before the log begins
 _LEGS = {"left": (0.2, 0.25), "right": (0.2, -0.25), "hind": (-0.35, 0.0)}  # it stays upright
 
 
-def model_text() -> str:
-    """The MJCF of the robot as its user has it."""
+def model_text(servos: bool = False) -> str:
+    """The MJCF of the robot as its user has it, with motors or with position servos."""
     legs = "".join(_LEG.format(name=n, x=x, y=y) for n, (x, y) in _LEGS.items())
     joints = [f"{leg}_{joint}" for leg in _LEGS for joint in ("tilt", "hip", "knee")]
     motors = "".join(f'<motor name="{j}" joint="{j}" gear="2"/>' for j in joints)
+    if servos:
+        motors = "".join(f'<position name="{j}" joint="{j}" kp="150" kv="4"/>' for j in joints)
     return f"""<mujoco model="tripod"><compiler angle="radian"/>
 <option timestep="0.001" integrator="implicitfast"/>
 <worldbody><geom name="floor" type="plane" size="0 0 1"/>
@@ -53,15 +55,22 @@ class Walked(NamedTuple):
     mass: float  # true mass of the whole robot [kg]
 
 
-def walked(folder: Path, seconds: float = 12.0, rate: int = 250) -> Walked:
-    """A log of squats of a robot whose trunk is heavier than the file says."""
-    (folder / "tripod.xml").write_text(model_text())
-    spec = mujoco.MjSpec.from_string(model_text())
+def walked(folder: Path, seconds: float = 12.0, rate: int = 250, servos: bool = False) -> Walked:
+    """A log of squats of a robot whose trunk is heavier than the file says.
+
+    With `servos` it logs position targets, which hold from row to row.
+    """
+    (folder / "tripod.xml").write_text(model_text(servos))
+    spec = mujoco.MjSpec.from_string(model_text(servos))
     spec.body("trunk").mass = 6.2
     mj = spec.compile()
     joints = [mj.joint(j).name for j in range(1, mj.njnt)]
     for k, gain in enumerate(GAINS):
-        mj.actuator_gear[k, 0] = gain
+        if servos:
+            mj.actuator_gainprm[k, 0] *= gain
+            mj.actuator_biasprm[k, 1:3] *= gain
+        else:
+            mj.actuator_gear[k, 0] = gain
     data = mujoco.MjData(mj)
     rows = []
     data.qpos[2] = 0.36
@@ -70,12 +79,16 @@ def walked(folder: Path, seconds: float = 12.0, rate: int = 250) -> Walked:
     for step in range(-_STANDING, round(seconds / mj.opt.timestep)):
         t = step * mj.opt.timestep
         wanted = _target(max(t, 0.0))
-        data.ctrl[:] = (150 * (wanted - data.qpos[7:]) - 3 * data.qvel[6:]) / GAINS.mean()
+        if not servos:
+            data.ctrl[:] = (150 * (wanted - data.qpos[7:]) - 3 * data.qvel[6:]) / GAINS.mean()
+        elif step % every == 0:
+            data.ctrl[:] = wanted
         mujoco.mj_forward(mj, data)
         if step >= 0 and step % every == 0:
             rows.append(np.r_[t, data.qpos[7:], data.qvel[6:], data.ctrl, data.sensordata])
         mujoco.mj_step(mj, data)
-    names = ["t", *(f"{what}_{j}" for what in ("q", "dq", "current") for j in joints)]
+    command = "target" if servos else "current"
+    names = ["t", *(f"{what}_{j}" for what in ("q", "dq", command) for j in joints)]
     names += ["imu_quat_0", "imu_quat_1", "imu_quat_2", "imu_quat_3"]
     names += [f"{what}_{axis}" for what in ("imu_gyro", "imu_acc") for axis in "xyz"]
     log = folder / "walk.csv"
