@@ -150,12 +150,12 @@ _IN_SPACE = {
 }
 _IN_PLANE = {
     "position": (
+        "xned yned yaw",
+        "north east yaw",
         "x y psi",
         "x y heading",
         "x y theta",
         "x y yaw",
-        "xned yned yaw",
-        "north east yaw",
     ),
     "linear": ("vx vy r", "vx vy yawrate", "surge sway yawrate"),
 }
