@@ -200,5 +200,5 @@ def _estimate(found: Identification, t: float, count: int) -> LiveEstimate:
     units = tuple(p.unit for p in found.parameters)
     theta = np.array([p.value for p in found.parameters])
     return LiveEstimate(
-        t, count, names, units, theta, tuple(gains), _MISFITS.get(found.explains, ""), ()
+        t, count, names, units, theta, tuple(gains), _MISFITS.get(found.explains or "", ""), ()
     )

@@ -153,7 +153,7 @@ def page_figure(title: str, draw: Callable[[Axes], None], wide: bool = False) ->
             first = handle[0] if isinstance(handle, tuple) else handle  # a bar, or a curve
             bar = isinstance(first, Rectangle)
             colour = to_hex(first.get_facecolor() if bar else first.get_color())
-            legend.append((label, colour, "-" if bar else _sign(first)))
+            legend.append((label, colour, _sign(first) if isinstance(first, Line2D) else "-"))
         return PageFigure(title, svg(figure, title), legend, wide)
 
 
@@ -165,7 +165,7 @@ def _sign(curve: Line2D) -> str:
     style = MarkerStyle(marker)
     shape = style.get_path().transformed(style.get_transform())
     # a legend's box is 24 × 8
-    drawn = "M0 4H24" if curve.get_linestyle() in DASHES and len(curve.get_xdata()) > 1 else ""
+    drawn = "M0 4H24" if curve.get_linestyle() in DASHES and np.size(curve.get_xdata()) > 1 else ""
     for points, code in shape.iter_segments(curves=False):
         if code == Outline.CLOSEPOLY:
             drawn += "Z"

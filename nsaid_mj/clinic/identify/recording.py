@@ -180,7 +180,8 @@ def joint_pages(
     errors = [-error if math.isfinite(error) else -math.inf for _, _, error, _ in joints]
     worst = sorted(np.argsort(errors, kind="stable")[:_FIRST].tolist())
     columns = 1 if len(worst) < 4 else 2
-    grid = plots.grid([plots(*shown[j], Plots.RIGHT / columns) for j in worst], columns)
+    large = [shown[j] for j in worst]
+    grid = plots.grid([plots(of, name, Plots.RIGHT / columns) for of, name in large], columns)
     pages: list[rrb.Container] = [views_beside(left, grid, "Overview", [1, 1])]
     if len(joints) > _FIRST:
         pages += paged(f"{entity.capitalize()}s", plots, shown)

@@ -12,8 +12,11 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core import Array
+
+Mask = NDArray[np.bool_]
 
 _WORTH = 0.9  # ratio of errors below which one more exchange is made
 _HANDICAP = 1.03  # of the errors, for each command that is changed
@@ -60,7 +63,7 @@ class Wiring(NamedTuple):
 
 
 def rewired(
-    error: Callable[[Wiring], Array], signed: Array, driven: Array
+    error: Callable[[Wiring], Array], signed: Mask, driven: Mask
 ) -> tuple[Wiring, Array] | None:
     """The wiring with the least error, and its errors (n,); None if it is that of the map.
 
@@ -89,7 +92,7 @@ def rewired(
 
 
 def _best_near(
-    start: Wiring, cost: Callable[[Wiring], float], signed: Array
+    start: Wiring, cost: Callable[[Wiring], float], signed: Mask
 ) -> tuple[float, Wiring]:
     """The least cost and its wiring, by exchanges one after another."""
     best = start
@@ -104,7 +107,7 @@ def _best_near(
     return least, best
 
 
-def size_of(errors: Array, driven: Array) -> float:
+def size_of(errors: Array, driven: Mask) -> float:
     """Root mean square of the errors (n,) of driven velocities."""
     return float(np.sqrt(np.mean(errors[driven] ** 2)))
 
@@ -116,7 +119,7 @@ def _changed(wiring: Wiring) -> int:
     return moved + (1 if turned == len(wiring.sign) else turned)
 
 
-def _near(wiring: Wiring, signed: Array) -> Iterator[Wiring]:
+def _near(wiring: Wiring, signed: Mask) -> Iterator[Wiring]:
     """Wirings with one command reversed, or two exchanged and perhaps reversed."""
     count = len(signed)
     for k in range(count):

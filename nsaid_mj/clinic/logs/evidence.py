@@ -204,14 +204,12 @@ def misfit(
     motion: LogMotion,
     handicap: float = _PARSIMONY,
     gravity: Array | None = None,
-    force: Array | None = None,
 ) -> float:
     """Geometric mean, over the joints, of the commands' errors under the model's links.
 
     A command may have any gain and constant, its joint friction and a rotor. The ratio of weight
     and inertia is the model's. A command of the other sign has a `handicap` [log of the error].
-    `force` (N, n) is that of the links along the thinned motion, if it is known already. NaN of a
-    robot without masses, or if nothing moves.
+    NaN of a robot without masses, or if nothing moves.
     """
     if robot.weightless:
         return np.nan
@@ -219,8 +217,7 @@ def misfit(
     if not joints:
         return np.nan
     rows, few = thinned(motion)
-    if force is None:
-        force = np.sum(forces_of(robot, few, gravity), axis=0)
+    force = np.sum(forces_of(robot, few, gravity), axis=0)
     turned = np.exp(handicap)
     errors = np.full((len(DELAYS), len(joints)), np.nan)
     for k, j in enumerate(joints):

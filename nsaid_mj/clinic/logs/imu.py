@@ -15,7 +15,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -126,9 +126,12 @@ def foot_columns(channels: Sequence[str]) -> tuple[str, ...]:
 
 def _sources(imu: Imu, channels: Sequence[str]) -> tuple[ChannelSource, ...]:
     count = len(imu.orientation)
-    kinds: list[Quantity] = ["position"] * count
-    kinds += ["velocity"] * 3
-    kinds += ["command"] * 3
+    widths: tuple[tuple[Quantity, int], ...] = (
+        ("position", count),
+        ("velocity", 3),
+        ("command", 3),
+    )
+    kinds: list[Quantity] = [quantity for quantity, width in widths for _ in range(width)]
     found = []
     for number, (quantity, name) in enumerate(zip(kinds, imu.columns, strict=False)):
         turned = name.startswith("-") and name not in channels
@@ -158,7 +161,8 @@ def _found(channels: Sequence[str]) -> Imu | None:
         return None
     if _spelt_out(matching.words(parts["orientation"][0]))[-1] == "w":
         order = "wxyz"
-    return Imu(**parts, order=order)
+    known: dict[str, Any] = dict(parts)
+    return Imu(**known, order=order)
 
 
 def _of_state(channels: Sequence[str]) -> dict[str, tuple[str, ...]]:

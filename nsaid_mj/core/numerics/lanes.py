@@ -121,15 +121,20 @@ _define(min, lanes, 2, _smaller)
 def has_lanes(kind: Any) -> bool:
     """Whether a type is lanes, an array of lanes, or a tuple with any."""
     if isinstance(kind, types.BaseTuple):
-        return any(has_lanes(part) for part in kind)
+        return any(has_lanes(part) for part in _parts(kind))
     return kind == lanes or (isinstance(kind, types.Array) and kind.dtype == lanes)
+
+
+def _parts(kind: Any) -> list[Any]:
+    """The types of a tuple's parts."""
+    return list(kind)
 
 
 def _mapped(kind: Any, array: Callable[[Any], Any]) -> Any:
     """The type of an array or of a tuple of arrays, each array's type mapped by a function."""
     if not isinstance(kind, types.BaseNamedTuple):
         return array(kind)
-    parts = [_mapped(part, array) for part in kind]
+    parts = [_mapped(part, array) for part in _parts(kind)]
     if len(set(parts)) == 1:  # as numba calls the type of such a tuple
         return types.NamedUniTuple(parts[0], len(parts), kind.instance_class)
     return types.NamedTuple(parts, kind.instance_class)
@@ -157,7 +162,7 @@ def laned(signature: Any, given: Any) -> Any:
 def _viewed(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     """Code of `as_lanes`."""
     if isinstance(kind, types.BaseTuple):
-        parts = enumerate(kind)
+        parts = enumerate(_parts(kind))
         found = [_viewed(context, builder, t, builder.extract_value(value, i)) for i, t in parts]
         return context.make_tuple(builder, _in_lanes(kind), found)
     source = make_array(kind)(context, builder, value)

@@ -53,7 +53,7 @@ class _Motion(NamedTuple):
             np.hstack([x[:, :first], x[:, first:][:, joints]])
             for x, first in ((self.q, 7), (self.v, 6), (self.a, 6))
         ]
-        return _Motion(*parts, self.u[:, list(u)])
+        return _Motion._make([*parts, self.u[:, list(u)]])
 
     def turned(self, turn: Array) -> _Motion:
         """With an IMU whose axes are turned against the base by a rotation (3, 3)."""
@@ -63,7 +63,7 @@ class _Motion(NamedTuple):
         for x in (self.v, self.a):
             base = [x[:, :3] @ turn.T, x[:, 3:6] @ turn.T]
             moved.append(np.hstack([*base, x[:, 6:]]))
-        return _Motion(spin, *moved, self.u)
+        return _Motion._make([spin, *moved, self.u])
 
 
 class Convention(NamedTuple):

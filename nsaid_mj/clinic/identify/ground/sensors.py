@@ -16,6 +16,7 @@ import scipy
 from ....base import Finding
 from ....core import Array, number, zero_phase
 from ...logs.matching import words
+from ..problem import Mask
 from .rows import GroundRows
 from .stance import SMOOTH, Stance
 
@@ -37,7 +38,7 @@ class FootSensors(NamedTuple):
     swapped: tuple[str, ...] = ()  # feet whose sensors were found in another order
 
     @property
-    def believed(self) -> Array:
+    def believed(self) -> Mask:
         """(f,) whether a sensor follows the force on its foot."""
         return self.together >= _AGREES
 
@@ -80,7 +81,8 @@ def sensors_of(rows: GroundRows, seen: Stance) -> FootSensors | None:
     values = np.concatenate(read)[:, taken]
     force = np.concatenate(seen.normal)
     count = len(feet)
-    together = np.corrcoef(np.hstack([force, values + 1e-12]), rowvar=False)[:count, count:]
+    both = np.hstack([force, values + 1e-12])
+    together = np.asarray(np.corrcoef(both, rowvar=False))[:count, count:]
     together = np.nan_to_num(together)  # of a sensor whose reading never changes
     best = scipy.optimize.linear_sum_assignment(-together)[1]
     own = np.diag(together)

@@ -68,7 +68,7 @@ def trial(
             [np.sum(implied[:, first : first + 3] * up, axis=1) for first in starts]
         )
         width = 2 * max(1, round(_TOUCHING * chosen.rate / chosen.every)) + 1
-        bears = maximum_filter1d(np.abs(normal) > _LOADED * weight, width, axis=0)
+        bears = np.asarray(maximum_filter1d(np.abs(normal) > _LOADED * weight, width, axis=0), bool)
         E = Elimination(structure, feet, motion.q, bears).E
         pairs = [np.einsum("nij,nj->ni", E, x) for x in (acting, force)]
         rows = [chosen.rows(x) for x in pairs]

@@ -160,9 +160,14 @@ def _stated(content: dict[str, Any]) -> dict[str, Any]:
 
 def _over(below: dict[str, Any], stated: dict[str, Any]) -> dict[str, Any]:
     """Nested tables with what is stated in place of what is below."""
-    both = {k: (below.get(k), value) for k, value in stated.items()}
-    tables = {k for k, pair in both.items() if all(isinstance(x, dict) for x in pair)}
-    return below | {k: _over(*pair) if k in tables else pair[1] for k, pair in both.items()}
+    found = dict(below)
+    for key, value in stated.items():
+        own = below.get(key)
+        if isinstance(own, dict) and isinstance(value, dict):
+            found[key] = _over(own, value)
+        else:
+            found[key] = value
+    return found
 
 
 def _leaves(table: dict[str, Any], above: str = "") -> dict[str, Any]:
