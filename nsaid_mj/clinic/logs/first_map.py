@@ -150,12 +150,12 @@ _IN_SPACE = {
 }
 _IN_PLANE = {
     "position": (
+        "xned yned yaw",
+        "north east yaw",
         "x y psi",
         "x y heading",
         "x y theta",
         "x y yaw",
-        "xned yned yaw",
-        "north east yaw",
     ),
     "linear": ("vx vy r", "vx vy yawrate", "surge sway yawrate"),
 }
@@ -336,7 +336,8 @@ def _vehicle(tables: Sequence[LogTable], robot: RobotModel) -> str:
     else:
         heading = given.get("position", [""])[-1]
         unit = signals.heading_unit(values_of(heading, tables))
-        lines.append(f'heading_unit = "{unit}"  # of the heading: rad or deg\n')
+        known = "" if "position" in given else "# "
+        lines.append(f'{known}heading_unit = "{unit}"  # of the heading: rad or deg\n')
         lines.append('# frame = "ENU/FLU"  # or NED/FRD: x north, y east, heading from north\n')
     lines.append("\n[actuators]\n")
     groups = candidates(channels, robot.joints)["command"]

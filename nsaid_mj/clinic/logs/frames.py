@@ -413,14 +413,14 @@ def _driven(recordings: Recordings, robot: RobotModel) -> list[Finding]:
     """
     vehicle = recordings.vehicle
     motions = _longest(recordings)
-    balance = Balance(robot, motions, recordings)
+    balance = SheetBalance(robot, motions, recordings)
     own = balance.errors()
     driven = balance.driven
     found: list[tuple[Array, str, str, dict[str, object]]] = []
     if robot.system.group == 6 and vehicle is not None:
         frame = "NED/FRD" if vehicle.frame == "ENU/FLU" else "ENU/FLU"
         turned = [(_other_pose(q), _other_twist(v), u) for q, v, u in motions]
-        error = Balance(robot, turned, recordings).errors()
+        error = SheetBalance(robot, turned, recordings).errors()
         if _ratio(error, own) < _DRIVES:
             text = f"pose and velocities are in {frame} axes"
             found.append((error, "frame", text, {"vehicle.frame": frame}))
@@ -445,8 +445,8 @@ def _wrong_one(recordings: Recordings, robot: RobotModel) -> str:
     motions = _longest(recordings)
     twisted = [(q, _other_twist(v), u) for q, v, u in motions]
     posed = [(_other_pose(q), v, u) for q, v, u in motions]
-    by_twist = Balance(robot, twisted, recordings).errors()
-    by_pose = Balance(robot, posed, recordings).errors()
+    by_twist = SheetBalance(robot, twisted, recordings).errors()
+    by_pose = SheetBalance(robot, posed, recordings).errors()
     return "pose" if _ratio(by_pose, by_twist) < 1 else "twist"
 
 
@@ -478,7 +478,7 @@ def _other_twist(v: Array) -> Array:
     return np.hstack([v[:, :3] @ FRD, v[:, 3:6] @ FRD, v[:, 6:]])
 
 
-class Balance:
+class SheetBalance:
     """The forces of a vehicle's sheet along a motion, of which commands may be exchanged.
 
     Its numbers are as uncertain as sheets are, none of another sign. Without the linear velocities

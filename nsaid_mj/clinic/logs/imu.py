@@ -267,7 +267,7 @@ def _finding_of(causes: Sequence[_AxesCause]) -> Finding:
     return Finding("refusal", causes[0].code, "base", text, remedy, data)
 
 
-class Reading(NamedTuple):
+class ImuReading(NamedTuple):
     """One way to read an orientation and a gyroscope."""
 
     quaternion: Array  # (N, 4) x, y, z, w, from the IMU's axes to the world's
@@ -352,13 +352,13 @@ class Reading(NamedTuple):
         yield _AxesCause("gyro", text, changes, "base.gyro")
 
 
-def _likeliest(imu: Imu, t: Array, raw: Array, gyro: Array, force: Array | None) -> Reading:
+def _likeliest(imu: Imu, t: Array, raw: Array, gyro: Array, force: Array | None) -> ImuReading:
     return min(_readings(imu, t, raw, gyro, force), key=lambda one: one.error)
 
 
 def _readings(
     imu: Imu, t: Array, raw: Array, gyro: Array, force: Array | None
-) -> Iterator[Reading]:
+) -> Iterator[ImuReading]:
     """The ways to read (N, 4) or (N, 3) columns of an orientation, and the gyroscope's unit."""
     orders = ("wxyz", "xyzw") if raw.shape[1] == 4 else ("rpy", "rpy deg", "gravity")
     for order in (imu.order,) if imu.order else orders:
@@ -381,7 +381,7 @@ def _readings(
                 if force is not None:
                     tilt = _tilt(up, force)
                     error += 2.0 * (min(tilt, 180.0 - tilt) > _TILT)
-                yield Reading(own, order, inverse, unit, error)
+                yield ImuReading(own, order, inverse, unit, error)
 
 
 def _quaternions(raw: Array, order: str) -> Array:

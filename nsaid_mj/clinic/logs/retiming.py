@@ -24,6 +24,9 @@ _CLOCKS = np.array([0.1, 0.2, 0.33, 0.5, 0.6, 0.72, 0.85, 1.0, 1.2, 1.4, 1.7, 2.
 _WRONG = 1.25  # factor of a clock from which inertias of a file do not explain it
 _FALLS = 0.8  # ratio of errors above which a clock is not told
 _ALIKE = 1.05  # such a ratio below which two clocks fit alike
+_FITS = 0.15  # error on another clock from which that does not explain the commands either
+_FLAT = 1.2  # ratio of errors on neighbouring clocks below which the best one is not determined
+_BESIDE = 1.5  # factor between such clocks
 _TOLD = 0.2  # product of the joints' ratios of errors below which a clock is certain
 
 
@@ -34,6 +37,7 @@ class Retimed(NamedTuple):
     error: float  # of the commands on that clock, geometric mean of the joints
     plain: float  # on the log's own
     twice: float  # on a clock that is twice as fast or slow, whichever fits better
+    beside: float  # on a clock beside the best one, whichever fits better
     joints: int  # with a motor
 
     @property
@@ -41,7 +45,8 @@ class Retimed(NamedTuple):
         """Whether the log's own clock is wrong."""
         ratio = self.error / self.plain
         apart = abs(np.log(self.scale)) > np.log(_WRONG)
-        return bool(ratio < _FALLS and ratio**self.joints < _TOLD and apart)
+        certain = ratio < _FALLS and ratio**self.joints < _TOLD and self.error < _FITS
+        return bool(certain and apart and self.beside > _FLAT * self.error)
 
     @property
     def loose(self) -> bool:
@@ -70,7 +75,11 @@ class BentLinks:
         still = np.zeros(model.nv)
         own = zip(robot.system.position(few.q), few.v, few.a, strict=True)
         pairs = [
-            [pin.computeJointTorqueRegressor(model, data, q, *rates).copy() for rates in each]
+            # of a single joint it is a vector
+            [
+                np.atleast_2d(pin.computeJointTorqueRegressor(model, data, q, *rates).copy())
+                for rates in each
+            ]
             for q, each in ((q, ((still, still), (v, a))) for q, v, a in own)
         ]
         weight, whole = np.swapaxes(np.array(pairs), 0, 1)
@@ -121,7 +130,9 @@ def retimed(links: BentLinks) -> Retimed:
     )
     of = dict(zip(_CLOCKS.tolist(), errors, strict=True))
     twice = min(of[0.5], of[2.0])
-    return Retimed(float(np.exp(found.x)), float(found.fun), of[1.0], twice, len(links.joints))
+    scale = float(np.exp(found.x))
+    beside = min(links.error(scale * _BESIDE), links.error(scale / _BESIDE))
+    return Retimed(scale, float(found.fun), of[1.0], twice, beside, len(links.joints))
 
 
 def _sizes(link: Sequence[float]) -> Array:

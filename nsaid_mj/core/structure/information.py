@@ -57,7 +57,7 @@ def information_along(structure, work, slopes, theta, scale, basis, R0, R, t, q,
     q1 = np.empty(m)
     v1 = np.empty(n)
     F = np.empty((size, 3 * n))
-    touch = Touch(F[:0], v1[:0], F[:, :0].copy(), F[:0], F[:0], v1[:0])
+    touch = Touch(F[:0], v1[:0], F[:0], F[:, :0].copy(), v1[:0], F[:0], F[:0], v1[:0])
     P = np.diag(R0)
     L = np.zeros((size, size))
     inverse = np.zeros((size, size))
@@ -106,7 +106,7 @@ def acceleration_rows(structure, work, slopes, q, v, u, theta, scale, rows):
     scale = scale.copy()
     a = np.empty(v.shape[1])
     none = np.empty((0, v.shape[1]))
-    touch = Touch(none, a[:0], none.T.copy(), none, none, a[:0])
+    touch = Touch(none, a[:0], none, none.T.copy(), a[:0], none, none, a[:0])
     for k in range(rows.shape[0]):
         at = q[k], v[k], u[k], theta, scale
         if not linearise(structure, *at, work, slopes, a, rows[k], v[k, :0], touch) > 0.0:

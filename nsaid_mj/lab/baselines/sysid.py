@@ -67,7 +67,7 @@ def sysid(
         reason = "mujoco.sysid is set up for fixed-base arms with a motor on every joint only"
         raise NoEstimate(reason, "Leave it out.")
     own = toolbox()
-    model = _Model(own, system, prior, log.step)
+    model = _SysidModel(own, system, prior, log.step)
     chunks = [c for each in (log, *further) for c in model.chunks(each, noise.exact)]
     if not chunks:
         raise NoEstimate(f"the log is shorter than a chunk of {_CHUNK:g} s", "Record longer.")
@@ -94,7 +94,7 @@ def toolbox() -> Any:
 class _TimedSearch:
     """The toolbox's optimiser with a time limit; keeps the best candidate."""
 
-    def __init__(self, toolbox: Any, model: _Model, chunks: list[Any], deadline: float):
+    def __init__(self, toolbox: Any, model: _SysidModel, chunks: list[Any], deadline: float):
         self._toolbox = toolbox
         self._model = model
         self._chunks = chunks
@@ -140,7 +140,7 @@ class _TimedSearch:
         return [found], predicted, measured
 
 
-class _Model:
+class _SysidModel:
     """MuJoCo's model of an arm as a function of the parameters, built from structure and prior."""
 
     def __init__(self, toolbox: Any, system: JointTree, prior: Array, step: float):

@@ -26,6 +26,7 @@ from nsaid_mj.core.quotient.cone import Cone
 from nsaid_mj.core.structure.system import SecondOrderSystem
 from nsaid_mj.lab.evaluation.confidence import KnownDirections, known
 from nsaid_mj.lab.evaluation.run_misfit import misfit_of
+from nsaid_mj.lab.following import Ending
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.plants.world.faults.text import parse_faults
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
@@ -72,6 +73,7 @@ run_once = cache(ran)
 def misfit(found: Ran) -> Misfit:
     run = SimpleNamespace(
         scenario=found.setup.scenario,
+        ending=Ending(),
         system=found.setup.system,
         record=Rows(found),
         prior=found.setup.prior,

@@ -75,7 +75,7 @@ class Convention(NamedTuple):
     motion: _Motion  # as it would have been
 
 
-class Balance:
+class GroundBalance:
     """The error of the whole robot's balance along samples of a log."""
 
     def __init__(self, robot: RobotModel, recordings: Recordings):
@@ -140,7 +140,7 @@ class Balance:
 
 def convention_findings(robot: RobotModel, recordings: Recordings) -> list[Finding]:
     """Refusals of a log whose columns mean something else; `robot` has a base that floats."""
-    balance = Balance(robot, recordings)
+    balance = GroundBalance(robot, recordings)
     motion = balance.motion()
     error = balance.error(motion)
     found: list[Convention] = []
@@ -167,7 +167,7 @@ def convention_findings(robot: RobotModel, recordings: Recordings) -> list[Findi
     return [Finding("refusal", found[0].code, "", text, remedy_of(changes), data)]
 
 
-def _hypotheses(balance: Balance, motion: _Motion) -> Iterator[Convention]:
+def _hypotheses(balance: GroundBalance, motion: _Motion) -> Iterator[Convention]:
     robot = balance.robot
     names = robot.joints
     own = list(range(len(names)))
@@ -235,7 +235,7 @@ def limbs_of(robot: RobotModel) -> list[list[int]]:
     return [sorted(limb) for limb in found.values()]
 
 
-def _mounts(balance: Balance, motion: _Motion) -> Iterator[Convention]:
+def _mounts(balance: GroundBalance, motion: _Motion) -> Iterator[Convention]:
     """An IMU whose axes are turned against those that the model file says, by right angles."""
     own = balance.place.rotation
     for axes in permutations(range(3)):

@@ -30,7 +30,7 @@ _LOADED = 0.15  # of a foot's share of the weight, from which it counts as loade
 _TOUCHING = 0.06  # around a load, in which a foot still does [s]
 
 
-class Trial(NamedTuple):
+class StepErrors(NamedTuple):
     """Errors over the standard deviation of what the commands do (NRMSE)."""
 
     stance: float  # of the forces and torques on the base, while feet bear load
@@ -39,7 +39,7 @@ class Trial(NamedTuple):
 
 def trial(
     robot: RobotModel, mj: Any, gain: Array, recordings: Recordings, chosen: Filter, delay: Array
-) -> Trial:
+) -> StepErrors:
     """Errors of a compiled MJCF with motors of gains (k,), commanded late by (k,) seconds [s]."""
     assert recordings.imu is not None
     feet = feet_of(robot, recordings.contacts)[0]
@@ -81,7 +81,7 @@ def trial(
             free = ~loaded[:, foot]
             columns = [BASE + j for j in own]
             swinging.append([(x[free][:, columns], columns) for x in rows])
-    return Trial(_nrmse(standing), _of_legs(swinging))
+    return StepErrors(_nrmse(standing), _of_legs(swinging))
 
 
 def required(robot: RobotModel, mj: Any, q: Array, v: Array, a: Array) -> Array:
