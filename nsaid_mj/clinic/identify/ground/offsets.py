@@ -56,7 +56,8 @@ KINDS = {
 What is left of a foot's place is that of simulated robots whose feet were where the model has them.
 `at_step` is the share of the base's answer to a step by which readings exceed the mean between two:
 1/2 right after slow steps, −1/2 right before them, 0 of a filtered sensor. The answer is that at
-the IMU, which a turning base moves, too: three shares, one per axis, then hardly differ.
+the IMU, which a turning base moves, too. Shares of each axis differ by 0.02 to 0.2 of one robot,
+and did not make gains truer than a common one.
 """
 
 _ROUNDING = 1e-12  # of the information's largest eigenvalue
