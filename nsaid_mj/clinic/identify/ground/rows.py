@@ -64,7 +64,7 @@ class Ground:
     # (N, feet) whether each touches, at the samples of every segment; None for all of them
     touching: tuple[Array, ...] | None = None
     # share of the base's answer to each step of held targets by which the accelerometer's readings
-    # exceed the mean between steps, and that answer, (M, 3) of every segment; None if nothing steps
+    # exceed the mean between steps, and that answer, (M, 6) of every segment; None if nothing steps
     at_step: float = 0.0
     answer: tuple[Array, ...] | None = None
 
@@ -164,8 +164,11 @@ class GroundRows(Rows):
         """A motion with the mean specific force between steps of the targets."""
         if ground.answer is None or ground.at_step == 0:
             return motion
+        answer = ground.answer[self.position(number)]
+        lever = ground.imu.translation  # the gyroscope's slope, too, is the mean between steps
+        at_imu = answer[:, :3] + np.cross(answer[:, 3:], lever)
         a = motion.a.copy()
-        a[:, :3] -= ground.at_step * ground.answer[self.position(number)]
+        a[:, :3] -= ground.at_step * at_imu
         return motion._replace(a=a)
 
     def smoothed(self, number: int, ground: Ground) -> Smooth:
@@ -174,7 +177,7 @@ class GroundRows(Rows):
         return self._between(number, motion, ground)
 
     def answer(self, number: int, theta: Array) -> Array:
-        """(M, 3) accelerations of the base right after one row's step of the targets, at θ (p,).
+        """(M, 6) accelerations of the base right after one row's step of the targets, at θ (p,).
 
         A held target steps, and with it the motors' force: E M a = E Δτ while feet that bear load
         stay, J a = 0. A target that changes at the rate u̇ steps by u̇ over the rate of the rows.
@@ -198,7 +201,7 @@ class GroundRows(Rows):
         A = E @ M
         normal = A.transpose(0, 2, 1) @ A + _STAY**2 * (held.transpose(0, 2, 1) @ held)
         normal += _RIDGE * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(A.shape[2])
-        return np.linalg.solve(normal, A.transpose(0, 2, 1) @ force)[:, :3, 0]
+        return np.linalg.solve(normal, A.transpose(0, 2, 1) @ force)[:, :BASE, 0]
 
     def required(
         self, number: int, theta: Array, delay: Array, motion: Smooth | None = None

@@ -153,7 +153,7 @@ def _allowed(rows: GroundRows, fit: Fit, delay: Array) -> tuple[GroundRows, Fit,
 
 def _answered(rows: GroundRows, theta: Array) -> Ground:
     """The rows' ground, with what the base does at steps of held targets."""
-    answer = [np.zeros((0, 3)) for _ in rows.recordings.segments]
+    answer = [np.zeros((0, BASE)) for _ in rows.recordings.segments]
     for number in range(len(rows.motions)):
         answer[rows.position(number)] = rows.answer(number, theta)
     return replace(rows.ground, answer=tuple(answer))

@@ -222,6 +222,18 @@ def test_damping_acts_on_what_the_joints_travelled(rows: GroundRows) -> None:
     np.testing.assert_allclose(changed[:, :, at], 0.0, atol=1e-12)
 
 
+def test_an_accelerometer_beside_the_bases_origin_feels_it_turn_at_steps(rows: GroundRows) -> None:
+    """Else the fit moves the IMU by centimetres to explain what a step's turn does there."""
+    (motion,) = rows.motions
+    answer = np.zeros((len(motion.t), BASE))
+    answer[:, 3:] = np.random.default_rng(0).normal(size=(len(motion.t), 3))
+    ground = replace(rows.ground, answer=(answer,), at_step=0.4)
+    changed = rows.smoothed(0, ground).a - motion.a
+    expected = -0.4 * np.cross(answer[:, 3:], (0.05, 0.0, 0.03))
+    np.testing.assert_allclose(changed[:, :3], expected, atol=1e-12)
+    np.testing.assert_array_equal(changed[:, 3:], 0.0)
+
+
 def test_servos_of_a_robot_that_walks_make_torques(log: Walked, tmp_path: Path) -> None:
     """Their targets are not simulated, as those of a servo arm are: contact forces are unknown."""
     (tmp_path / "tripod.xml").write_text(model_text(servos=True))
