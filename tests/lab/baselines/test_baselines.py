@@ -333,7 +333,7 @@ def test_sysids_model_accelerates_as_the_structure(robot):
     problem = world(robot, 0.1)._problem
     system, theta, rng = problem.system, problem.prior, np.random.default_rng(2)
     assert isinstance(system, JointTree)
-    model = toolbox_module._Model(toolbox_module.toolbox(), system, theta, 1e-3)
+    model = toolbox_module._SysidModel(toolbox_module.toolbox(), system, theta, 1e-3)
     np.testing.assert_allclose(
         model.theta(model.parameters.as_vector()), theta, rtol=1e-6, atol=1e-9
     )
