@@ -4,8 +4,10 @@ What is compiled for arrays of f8 is compiled from the same text for arrays of `
 vector register, in which every operation acts on all runs, with the bits that it has on one.
 Conditions on numbers hold if they do for all runs. Python stores them as the last axis of arrays.
 
-Of numba this needs, besides its documented interface, the fields of an array (`numba.np.arrayobj`)
-and the name of a conversion (`numba.core.typeconv`).
+Of numba this needs, besides its documented interface, the fields of an array (`numba.np.arrayobj`,
+`numba.core.cgutils`) and the name of a conversion (`numba.core.typeconv`): no documented call makes
+an array of one type from the memory of another. `tests/core/numerics/test_lanes.py` fails where a
+version of numba moves them.
 """
 
 import operator

@@ -110,7 +110,7 @@ def _nrmse(parts: list[list[Array]]) -> float:
 
 
 def _of_legs(parts: list[list[tuple[Array, list[int]]]]) -> float:
-    """The same of legs in swing, each with its own joints; NaN without any."""
+    """Error of swinging legs' commands over their size, each leg by its joints; NaN without."""
     errors = []
     legs: dict[tuple[int, ...], list[list[Array]]] = {}
     for acting, force in parts:

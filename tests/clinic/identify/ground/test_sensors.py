@@ -5,16 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nsaid_mj.clinic.identify.ground.feet import feet_of, imu_pose
-from nsaid_mj.clinic.identify.ground.rows import Ground, GroundRows
-from nsaid_mj.clinic.identify.ground.search import filter_of
+from nsaid_mj.clinic.identify.ground.rows import GroundRows
 from nsaid_mj.clinic.identify.ground.sensors import sensors_of, with_sensors
 from nsaid_mj.clinic.identify.ground.stance import Stance, stance
-from nsaid_mj.clinic.identify.identify import recordings_of
-from nsaid_mj.clinic.identify.models import floating, load_robot_model
 from nsaid_mj.clinic.logs.imu import foot_columns
 
-from .walking import GAINS, walked
+from .walking import GAINS, rows_of, walked
 
 Array = np.ndarray
 FEET = ["left_foot", "right_foot", "hind_foot"]
@@ -24,13 +20,7 @@ FEET = ["left_foot", "right_foot", "hind_foot"]
 def known(tmp_path_factory: pytest.TempPathFactory) -> tuple[GroundRows, Stance]:
     """Rows of a log, and the true robot's stance."""
     log = walked(tmp_path_factory.mktemp("walk"))
-    held = load_robot_model(str(log.model))
-    recordings = recordings_of([log.log], None, held)
-    robot = floating(held)
-    feet, _ = feet_of(robot, recordings.contacts)
-    assert recordings.imu is not None
-    pose, _ = imu_pose(robot, recordings.imu)
-    rows = GroundRows(robot, recordings, filter_of(recordings, 20.0), Ground(feet, pose), 4)
+    rows = rows_of(log)
     theta = rows.problem(np.zeros(9)).prior
     theta[rows.space.actuators] = GAINS
     return rows, stance(rows, theta, np.zeros(9), log.mass)

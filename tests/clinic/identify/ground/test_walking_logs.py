@@ -26,7 +26,7 @@ from nsaid_mj.clinic.logs.tables import read_tables
 from nsaid_mj.clinic.logs.unusable import UnusableLog
 from nsaid_mj.robots import BadRobot, load_tree
 
-from .walking import GAINS, Walked, model_text, walked
+from .walking import GAINS, Walked, model_text, rows_of, walked
 
 
 @pytest.fixture(scope="module")
@@ -36,13 +36,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Walked:
 
 @pytest.fixture(scope="module")
 def rows(log: Walked) -> GroundRows:
-    held = load_robot_model(str(log.model))
-    recordings = recordings_of([log.log], None, held)
-    robot = floating(held)
-    feet, _ = feet_of(robot, recordings.contacts)
-    assert recordings.imu is not None
-    pose, _ = imu_pose(robot, recordings.imu)
-    return GroundRows(robot, recordings, filter_of(recordings, 20.0), Ground(feet, pose), 4)
+    return rows_of(log)
 
 
 def test_the_free_joint_is_kept_on_request(log: Walked) -> None:

@@ -8,6 +8,12 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from nsaid_mj.clinic.identify.ground.feet import feet_of, imu_pose
+from nsaid_mj.clinic.identify.ground.rows import Ground, GroundRows
+from nsaid_mj.clinic.identify.ground.search import filter_of
+from nsaid_mj.clinic.identify.identify import recordings_of
+from nsaid_mj.clinic.identify.models import floating, load_robot_model
+
 GAINS = np.array([1.2, 0.8, 0.9, 1.1, 1.0, 0.85, 0.95, 1.15, 1.05])
 """Of the true motors [N·m per unit]; the model file has 2 each."""
 
@@ -105,3 +111,14 @@ def _target(t: float) -> np.ndarray:
         tilt = 0.06 * np.sin(2.7 * t) + 0.02 * np.sin(5.3 * t + leg)
         q += [tilt, bend + swing, -2 * bend + 0.5 * swing]
     return np.array(q)
+
+
+def rows_of(log: Walked) -> GroundRows:
+    """The rows of a log under its model, all feet on the ground."""
+    held = load_robot_model(str(log.model))
+    recordings = recordings_of([log.log], None, held)
+    robot = floating(held)
+    feet, _ = feet_of(robot, recordings.contacts)
+    assert recordings.imu is not None
+    pose, _ = imu_pose(robot, recordings.imu)
+    return GroundRows(robot, recordings, filter_of(recordings, 20.0), Ground(feet, pose), 4)
