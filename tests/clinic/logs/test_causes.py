@@ -186,11 +186,11 @@ def test_milliseconds_without_velocities_are_a_clock_at_which_no_robot_is_record
     assert _findings(_mended([finding]), table) == []
 
 
-@pytest.mark.parametrize("ratio", [9, 50])
-def test_angles_before_gears_are_told_by_the_weight(ratio):
-    """57.3 stays degrees, see `CHANGES`."""
+@pytest.mark.parametrize(("ratio", "masses"), [(9, (1, 1, 1)), (50, (1.25, 0.75, 1.2))])
+def test_angles_before_gears_are_told_by_the_weight(ratio, masses):
+    """57.3 stays degrees, see `CHANGES`; masses that are off do not make them of a gear of 50."""
     names = [f"{v}{k}" for v in ("q", "dq") for k in (1, 2, 3)]
-    (finding,) = _findings(None, _times(_healthy(0), ratio, *names))
+    (finding,) = _findings(None, _times(_healthy(2, masses=masses), ratio, *names))
     assert finding.code == "motor_side"
     assert finding.data["ratio"] == pytest.approx(ratio, rel=0.03)
 
