@@ -167,6 +167,17 @@ def test_only_dry_friction_turns_before_the_velocity():
     np.testing.assert_array_equal(early.diagonal["viscous"], rows.diagonal["viscous"])
 
 
+def test_another_clock_changes_inertia_and_friction_but_no_weight():
+    robot = random_tree(1)
+    recordings = invented(robot)
+    rows = JointRows(robot, recordings, filter_for(recordings), np.ones(len(robot.joints)), 1.0)
+    endless = rows.retimed(1e6).links
+    slow = rows.retimed(2.0)
+    np.testing.assert_allclose(slow.links - endless, (rows.links - endless) / 4, atol=1e-9)
+    np.testing.assert_allclose(slow.diagonal["viscous"], rows.diagonal["viscous"] / 2)
+    np.testing.assert_allclose(slow.diagonal["rotor"], rows.diagonal["rotor"] / 4)
+
+
 def test_a_law_follows_the_system_whose_rows_were_fitted():
     """Positions of continuous joints are (cos, sin) to a law, and angles in the rows."""
     found = identify_forces("tx40", columns=["load", "stribeck", "offset"], delay=0.0)
