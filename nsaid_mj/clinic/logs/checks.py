@@ -12,7 +12,7 @@ from ...base import Finding, pin
 from ...core import Array, number, rounded
 from ...robots import RobotModel
 from .causes import CLEAR, DEGREES, velocity_causes
-from .command_causes import UNCHECKED, command_causes
+from .command_causes import command_causes
 from .evidence import LogMotion, limits, misfit, motion_of, scaled
 from .frames import frame_causes
 from .motor_side import motor_side
@@ -97,8 +97,7 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
         return _first_clocks(found)
     wrong = ("beyond_limits", "degrees", "motor_side")
     if not Finding.refused(f for f in found if f.code in wrong):
-        said = command_causes(motion, robot, timed=bool(measured))
-        found += [f for f in said if f.code != UNCHECKED or not recordings.timed]
+        found += command_causes(motion, robot, bool(measured), recordings.timed)
     if not robot.weightless and not Finding.refused(found):
         found += _large_commands(motion, recordings, robot)
     return _first_clocks(found)

@@ -47,11 +47,13 @@ _NEVER = 20.0  # such a handicap that excludes the other sign
 _OTHER_BASES = np.array([[0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, -1.0]])
 
 
-def command_causes(motion: LogMotion, robot: RobotModel, timed: bool) -> list[Finding]:
+def command_causes(
+    motion: LogMotion, robot: RobotModel, timed: bool, stated: bool = False
+) -> list[Finding]:
     """Commands in another order, axes or commands of the wrong sign, a base in another pose.
 
     All joints are judged at once; each cause is one finding. `timed` is whether measured velocities
-    agree with the clock; without any it may be wrong, too.
+    agree with the clock; without any it may be wrong, too. `stated` is whether the map states it.
     """
     if not driven_joints(robot, motion):
         return []
@@ -65,7 +67,7 @@ def command_causes(motion: LogMotion, robot: RobotModel, timed: bool) -> list[Fi
         clock = retimed(BentLinks(robot, motion))
         if clock.told and not _explained(clock, mended, robot, turned):
             return [*found, _wrong_clock(clock)]
-        found += [_unchecked(clock)] if clock.loose else []
+        found += [_unchecked(clock)] if clock.loose and not stated else []
     found += turned
     motion = mended
     if not turned:
@@ -186,7 +188,9 @@ def _unchecked(clock: Retimed) -> Finding:
     text = "nothing in the log checks its clock: it has no velocities, and inertia acts so little "
     text += f"that times multiplied by any number from {low:g} to {high:g} explain the commands as "
     text += "well; intervals of inertias, of friction and of gains without weight allow for that"
-    remedy = "Check the log's rate: if it is right, set `[time]` `scale = 1` in map.toml. Or record "
+    remedy = (
+        "Check the log's rate: if it is right, set `[time]` `scale = 1` in map.toml. Or record "
+    )
     remedy += "faster motion, or velocities."
     data = {"low": low, "high": high}
     return Finding("warning", UNCHECKED, "", text, remedy, data)

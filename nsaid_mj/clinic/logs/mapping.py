@@ -293,8 +293,8 @@ class Time:
     column: Name | None = None  # name of the column; None to find it
     unit: TimeUnit | None = None  # None to detect it
     rate: Positive | None = None  # rows per second of files without a time [Hz]
-    # multiplies the times, of a clock that runs too fast or too slowly; 1 of one that is known to be
-    # right, None if nobody says so
+    # multiplies the times, of a clock that runs too fast or too slowly; 1 of one known to be right,
+    # None if nobody says so
     scale: Positive | None = None
 
 
