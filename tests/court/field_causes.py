@@ -401,6 +401,12 @@ _NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _FRD = np.diag([1.0, -1.0, -1.0])
 
 
+def _frame_of_file(rng: Any, tables: list[Table], own: dict) -> Change:
+    kinds = (_rates_signs, _twist_in_frd, _world_velocities, _quaternion_inverse)
+    said = kinds[int(rng.integers(len(kinds)))](rng, tables[1:], own)
+    return Change(("frame",), ("log_2",), f"{said.words}, in log_2")
+
+
 def _ned(rng: Any, tables: list[Table], own: dict) -> Change:
     _ned_pose(rng, tables, own)
     _twist_in_frd(rng, tables, own)
@@ -467,6 +473,7 @@ VEHICLE_KINDS: dict[str, Callable[[Any, list[Table], dict], Change]] = {
     "quaternion's order": _quaternion_order,
     "quaternion's inverse": _quaternion_inverse,
     "pose in NED": _ned_pose,
+    "frame of a file": _frame_of_file,
     "all in NED": _ned,
     "vehicle's reversed commands": _vehicle_reversed,
     "one command reversed": _one_reversed,

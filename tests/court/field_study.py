@@ -47,7 +47,7 @@ GROUPS = {
     "signs": ("reversed", "signs of rates"),
     "units, motor side": ("degrees", "deg/s", "rpm", "motor side", "radians"),
     "order": ("swapped", "order"),
-    "frames": ("NED", "FRD", "world velocities", "inverse"),
+    "frames": ("frame", "NED", "FRD", "world velocities", "inverse"),
     "dead command": ("dead",),
     "phases": ("phases",),
 }

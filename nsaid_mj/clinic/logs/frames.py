@@ -7,6 +7,7 @@ not, the axes, signs, order or frame under which they would are searched for, al
 from __future__ import annotations
 
 from collections.abc import Container, Iterator, Sequence
+from dataclasses import replace
 from itertools import permutations, product
 from typing import NamedTuple
 
@@ -80,30 +81,14 @@ class Pose(NamedTuple):
 def frame_causes(recordings: Recordings, robot: RobotModel) -> list[Finding]:
     """Findings about the axes of a vehicle's pose and velocities, and its clock."""
     vehicle = recordings.vehicle
-    rate = recordings.rate
-    found = _clocks_of_files(recordings, robot)
-    accused = {finding.where for finding in found}
-    q, v = _longest_of(recordings, robot, accused)
     if vehicle is not None and vehicle.linear is None and vehicle.angular is None:
         return []
-    judged = []
-    for pose in _poses(q, vehicle):
-        matches = [_best(part) for part in _parts(pose.q, v, rate, vehicle)]
-        total = pose.handicap + sum(match.handicap for match in matches)
-        judged.append((total + sum(map(_contradiction, matches)), pose, matches))
-    own = [_as_is(part) for part in _parts(q, v, rate, vehicle)]
-    if not own:
+    found = _clocks_of_files(recordings, robot)
+    accused = {finding.where for finding in found}
+    matches, turned = _axes(recordings, robot, accused)
+    if not matches:
         return []
-    _, pose, matches = min(judged, key=lambda one: one[0])
-    before = np.array([_contradiction(match) for match in own])
-    after = np.array([_contradiction(match) for match in matches])
-    if before.sum() - after.sum() < _CONTRADICTS or (after > _HALF * before).all():
-        matches = own
-        pose = Pose("", {}, q, 0.0)
-    whose = "twist"
-    if all(np.array_equal(m.turn, FRD) for m in matches):
-        whose = _wrong_one(recordings, robot)
-    found += _turned(pose, matches, own, vehicle, whose)
+    found += turned if accused else _axes_of_files(recordings, robot) or turned
     found += _clock(matches) if not accused else []
     if not found:
         found += _driven(recordings, robot)
@@ -114,6 +99,51 @@ def frame_causes(recordings: Recordings, robot: RobotModel) -> list[Finding]:
         remedy = "Check its columns, or leave out `linear` and `angular` to differentiate the pose."
         found.append(Finding("warning", "frame", match.part.name, text, remedy))
     return found
+
+
+def _axes(
+    recordings: Recordings, robot: RobotModel, but: Container[str] = ()
+) -> tuple[list[Match], list[Finding]]:
+    """How the velocities follow from the pose in the longest segment, if possible but some files'.
+
+    Under other axes, with the finding about them, if they do so far better; nothing where there
+    are no velocities.
+    """
+    vehicle = recordings.vehicle
+    rate = recordings.rate
+    q, v = _longest_of(recordings, robot, but)
+    judged = []
+    for pose in _poses(q, vehicle):
+        matches = [_best(part) for part in _parts(pose.q, v, rate, vehicle)]
+        total = pose.handicap + sum(match.handicap for match in matches)
+        judged.append((total + sum(map(_contradiction, matches)), pose, matches))
+    own = [_as_is(part) for part in _parts(q, v, rate, vehicle)]
+    _, pose, matches = min(judged, key=lambda one: one[0])
+    before = np.array([_contradiction(match) for match in own])
+    after = np.array([_contradiction(match) for match in matches])
+    if before.sum() - after.sum() < _CONTRADICTS or (after > _HALF * before).all():
+        return own, []
+    whose = "twist"
+    if all(np.array_equal(m.turn, FRD) for m in matches):
+        whose = _wrong_one(recordings, robot)
+    return matches, _turned(pose, matches, own, vehicle, whose)
+
+
+def _axes_of_files(recordings: Recordings, robot: RobotModel) -> list[Finding]:
+    """Findings about files whose axes or units are not those of the others; no line mends one."""
+    files = list(dict.fromkeys(segment.source for segment in recordings.segments))
+    if len(files) < 2:
+        return []
+    said = {file: _axes(recordings, robot, set(files) - {file})[1] for file in files}
+    right = [file for file in files if not said[file]]
+    if not right:
+        return []
+    remedy = f"Convert its columns to what they are in {', '.join(right)}, or leave the file out."
+    return [
+        replace(f, where=file, text=f"{f.text}, in this file alone", remedy=remedy, data={})
+        for file in files
+        for f in said[file]
+    ]
 
 
 def _longest_of(

@@ -57,6 +57,15 @@ def test_a_clock_of_one_file_is_named_with_the_file():
     assert finding.data["map"] == {'files."log_2.csv".scale': 0.4}
 
 
+def test_axes_of_one_file_are_named_with_the_file():
+    healthy = _drawn("Euler angles, healthy")
+    table = healthy.tables[0]
+    radians = {name: np.radians(table[name]) for name in ("roll", "pitch", "yaw")}
+    (finding,) = _findings(healthy.map, table | radians, table)
+    assert (finding.code, finding.where) == ("frame", "log_1.csv")
+    assert "in rad" in finding.text and not remedies([finding])
+
+
 def test_axes_stated_as_north_east_down_are_mended_in_these():
     """The lines of the map are in the log's own axes."""
     healthy = _drawn()
