@@ -130,14 +130,13 @@ class _Leg:
         self._joints = JointMap(mj, [free, *robot.joints])
         self._own = np.array(own)
         self._mass = _HEAVY * float(np.sum(mj.body_mass))
-        told = np.ones(mj.nv, dtype=bool)
-        told[self._joints.motors[self._own]] = False
-        self._told = told
+        told = np.setdiff1d(np.arange(mj.nv), self._joints.motors[self._own])
         self._mj.dof_armature[told] = self._mass
         self._mj.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
         for j in own:
-            number = mj.joint(robot.joints[j]).id
-            at = self._joints.qpos[j]
+            joint = mj.joint(robot.joints[j])
+            number = joint.id
+            at = int(joint.qposadr[0])
             file = float(mj.jnt_stiffness[number])
             total = max(file + float(spring[j]), 1e-300)
             self._mj.jnt_stiffness[number] = total
@@ -162,9 +161,9 @@ class _Leg:
         data = mujoco.MjData(mj)
         kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
         state = np.zeros((len(windows), mujoco.mj_stateSize(mj, kind)))
+        numbers = np.hstack([motion.q[:, :3], turn.as_rotvec(), motion.q[:, BASE + 1 :]])
         for row, k in zip(state, windows[:, 0], strict=True):
-            joints.place(data, motion.q[k])
-            data.qvel[joints.dof] = motion.v[k]
+            joints.write(data, numbers[k], motion.v[k])
             mujoco.mj_getState(mj, data, row, kind)
         between = 0.5 * (push[windows[:, 1:]] + push[windows[:, :-1]])
         applied = np.repeat(between, substeps, axis=1)
