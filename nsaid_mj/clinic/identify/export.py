@@ -253,7 +253,8 @@ def departures(
 ) -> Array:
     """(N, n) simulated minus measured positions, driven by a log's commands [rad or m].
 
-    Motors under a PD law follow the log's targets, by the law at the simulated motion. After `horizon` [s], at least one sample, the simulation restarts from the measured position and
+    Motors under a PD law follow the log's targets, by the law at the simulated motion. After
+    `horizon` [s], at least one sample, the simulation restarts from the measured position and
     velocity; inf for once per segment. Of these windows, only one of `every` so many is simulated.
     """
     mj = _without_contacts(robot, values)
