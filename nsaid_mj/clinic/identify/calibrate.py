@@ -210,7 +210,7 @@ def _identification(
         theta=fit.theta,
         deviation=exact.deviation,
         covariance=exact.covariance,
-        friction=nearest_friction(problem, fit.theta),
+        friction=nearest_friction(problem, fit.theta, len(robot.joints)),
         statistics=statistics_of(joints),
         predictions=_curves(problem, fit.theta, recordings),
         validation=checked,

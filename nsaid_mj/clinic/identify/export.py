@@ -148,7 +148,10 @@ def _followed(result: Identification, values: Identified) -> Finding:
         )
     except NsaidError as error:
         return Finding("note", "replay", "", f"the exported model was not simulated: {error}")
-    rows = list(zip(result.robot.joints, exported, nominal, strict=True))
+    leading = list(result.robot.independent)  # the others follow these
+    exported = exported[leading]
+    nominal = nominal[leading]
+    rows = list(zip(result.robot.leaders, exported, nominal, strict=True))
     figures = ", ".join(f"{name} {_figure(own)} ({_figure(file)})" for name, own, file in rows)
     worse = ", ".join(name for name, own, file in rows if own > file)
     drive = "commands" if recordings.feedback is None else "targets, by the PD law"
