@@ -114,11 +114,7 @@ class JointRows(Rows):
         self.system = unrolled(robot.system)
         law = recordings.feedback
         self._commands = [(s, smooth_commands(s, chosen, law)) for s in self.segments]
-        self._fed_back: Array | float = 0.0
-        if law is not None:
-            self._fed_back = self.joined(
-                lambda motion: np.asarray(fed_back(law, motion.q, motion.v))
-            )
+        self._fed_back = self._feedback()
         self._entries: dict[Key, Array] = {}
         self.diagonal = Diagonal(self._fastened)
         self.loading = file_links(robot.model)
@@ -136,6 +132,13 @@ class JointRows(Rows):
         other.reweigh(self.loading)
         other.driven = self.driven
         return other
+
+    def _feedback(self) -> Array | float:
+        """(N, n) what a PD law takes from the commands; 0 without one."""
+        law = self.recordings.feedback
+        if law is None:
+            return 0.0
+        return self.joined(lambda motion: np.asarray(fed_back(law, motion.q, motion.v)))
 
     def _evaluated(self) -> Array:
         """Columns of the links; keeps those of joints without a friction speed, and couplings."""
@@ -192,6 +195,15 @@ class JointRows(Rows):
         found.diagonal = Diagonal(found._fastened)
         same = [name for name in self.diagonal if name not in FASTENED]
         found.diagonal.update({name: self.diagonal[name] for name in same})
+        return found
+
+    def retimed(self, scale: float) -> JointRows:
+        """The rows with all times multiplied by a number, as if the log's clock were wrong."""
+        found = copy.copy(self)
+        found.motions = [m._replace(v=m.v / scale, a=m.a / scale**2) for m in self.motions]
+        found._fed_back = found._feedback()
+        found.diagonal = Diagonal(found._fastened)
+        found.links = found._evaluated()
         return found
 
     def reweigh(self, links: Array) -> None:

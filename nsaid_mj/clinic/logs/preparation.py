@@ -131,6 +131,7 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
         made.on_leaders(made.pd.feedback) if made.pd else None,
         made.imu.stated if made.imu else None,
         replace(mapping.contacts, force=made.imu.feet if made.imu else ()),
+        timed=mapping.time.scale is not None,
     )
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from ....base import Finding
 from ....core import Array, Indices, check_consistency
 from ....robots import RobotModel
+from ...logs.command_causes import UNCHECKED
 from ...logs.recordings import Recordings
 from ..fit import Fit, gramians, information, minimise
 from ..joint_checks import (
@@ -264,6 +265,13 @@ def _rival_problems(
     yield from map(rows.problem, found.rivals)
     for other in beside:
         yield other.problem(found.choice)
+    for finding in rows.recordings.findings:
+        if finding.code == UNCHECKED:
+            ends = [float(finding.data[end]) for end in ("low", "high")]  # type: ignore[arg-type]
+            # the range is one of 95 %, its root one of a standard deviation
+            factor = float(np.sqrt(max(1 / ends[0], ends[1])))
+            yield rows.retimed(factor).problem(found.choice)
+            yield rows.retimed(1 / factor).problem(found.choice)
     if rows.recordings.feedback is not None and found.delays is not None:
         # rows do not show how a joint moves while its target holds, which looks like a delay
         late = found.choice.delay + found.delays.deviation
