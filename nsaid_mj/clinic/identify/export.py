@@ -12,7 +12,7 @@ from mujoco import rollout
 
 from ...base import Finding, InvalidInput, NsaidError
 from ...core import Array, number
-from ...lab import JointMap, quiet
+from ...lab import JointMap
 from ...robots import (
     Identified,
     RobotModel,
@@ -20,6 +20,7 @@ from ...robots import (
     Spring,
     actuators_of,
     mjcf_text,
+    quiet,
     with_inertias,
     write_model,
     write_table,
@@ -204,7 +205,8 @@ def _without_contacts(robot: RobotModel, values: Identified) -> Any:
     spec.option.disableflags |= int(
         mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
     )
-    return spec.compile()
+    with quiet():
+        return spec.compile()
 
 
 def _figure(value: float) -> str:
