@@ -82,9 +82,13 @@ class BentLinks:
             ]
             for q, each in ((q, ((still, still), (v, a))) for q, v, a in own)
         ]
-        weight, whole = np.swapaxes(np.array(pairs), 0, 1)
-        self._weight = weight  # (N, n, 10 b)
-        self._inertia = whole - weight
+        weight, whole = np.swapaxes(np.array(pairs), 0, 1)  # (N, n, 10 b)
+        self._forces = {
+            j: _Forces.of(weight[use, j], (whole - weight)[use, j], own[use])
+            for j, use, own in (
+                (j, few.usable[:, j], np.column_stack(columns_of(few, j))) for j in self.joints
+            )
+        }
 
     def error(self, scale: float = 1.0) -> float:
         """The geometric mean of the joints' errors, with all times multiplied by a number."""
@@ -93,21 +97,22 @@ class BentLinks:
 
     def _of_joint(self, j: int, scale: float) -> float:
         """The least error of a joint's command, of either sign and any delay."""
-        use = self._few.usable[:, j]
-        W = self._weight[use, j] + self._inertia[use, j] / scale**2
-        columns = np.column_stack([W @ self._links, *(x[use] for x in columns_of(self._few, j))])
-        columns = columns - columns.mean(axis=0)
+        basis, weight, inertia, own = self._forces[j]
+        W = weight + inertia / scale**2
+        columns = np.column_stack([W @ self._links, own])
         size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        bends = (W - W.mean(axis=0)) * self._spread / size[0]
-        directions, strength, _ = np.linalg.svd(bends, full_matrices=False)
+        columns = columns / size
+        directions, strength, _ = np.linalg.svd(W * self._spread / size[0], full_matrices=False)
         slower = replace(self._motion, rate=self._motion.rate / scale)
         best = 1.0
         for delay in DELAYS:
-            y = late(slower, j, delay, self._rows[use])
+            y = late(slower, j, delay, self._rows[self._few.usable[:, j]])
             y = y - y.mean()
             y = y / max(float(np.linalg.norm(y)), 1e-300)
-            for u in (y, -y):
-                force = scipy.optimize.nnls(columns / size, u)[0][0]
+            explicable = basis.T @ y
+            beyond = max(1 - float(explicable @ explicable), 0.0)
+            for u in (explicable, -explicable):
+                force = scipy.optimize.nnls(columns, u)[0][0]
                 bent = force * strength * np.sqrt(len(y)) / _NOISE
                 shrink = 1 / np.sqrt(1 + bent**2) - 1
 
@@ -115,8 +120,35 @@ class BentLinks:
                     along = directions.T @ x
                     return np.asarray(x + directions @ (shrink * along.T).T)
 
-                best = min(best, scipy.optimize.nnls(unbent(columns / size), unbent(u))[1])
-        return float(best)
+                error = scipy.optimize.nnls(unbent(columns), unbent(u))[1]
+                best = min(best, float(np.hypot(error, np.sqrt(beyond))))
+        return best
+
+
+class _Forces(NamedTuple):
+    """A joint's forces in rows without their means, in a basis of all that they may be.
+
+    Attributes:
+        basis: (N, r) orthonormal columns.
+        weight: (r, 10 b) of a unit of each parameter of the links.
+        inertia: (r, 10 b).
+        own: (r, 3) of rotor and friction.
+    """
+
+    basis: Array
+    weight: Array
+    inertia: Array
+    own: Array
+
+    @staticmethod
+    def of(weight: Array, inertia: Array, own: Array) -> _Forces:
+        """Of regressors (N, 10 b), and columns (N, 3) of rotor and friction."""
+        parts = [weight, inertia, own]
+        rows = np.column_stack(parts)
+        rows = rows - rows.mean(axis=0)
+        basis = np.linalg.qr(rows[:, np.any(rows != 0, axis=0)])[0]
+        ends = np.cumsum([part.shape[1] for part in parts])[:-1]
+        return _Forces(basis, *np.split(basis.T @ rows, ends, axis=1))
 
 
 def retimed(links: BentLinks) -> Retimed:
