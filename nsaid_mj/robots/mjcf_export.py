@@ -161,9 +161,9 @@ def _built(robot: RobotModel, values: Identified) -> Node:
 
 
 def _lead_followers(root: Node, robot: RobotModel) -> None:
-    """Constrains joints that follow others to q = ratio · leader + offset, as stiffly as 2 ms allow.
+    """Constrains joints that follow others to q = ratio · leader + offset.
 
-    MuJoCo advises a time constant of at least two time steps.
+    MuJoCo advises a time constant of at least two time steps, which are 2 ms by default.
     """
     if robot.coupling is None:
         return

@@ -178,7 +178,8 @@ _PULSE = (1000.0, 2000.0)  # ends of a pulse width [µs]
 def first_map(tables: Sequence[LogTable], robot: RobotModel, times: str = "") -> str:
     """The map of a log as TOML: entries that channels' names imply, and lines to fill in.
 
-    `times` are the lines of a given map, which says of the log only when its rows were. `read_map` accepts it once every joint or actuator has a position and a command.
+    `times` are the lines of a given map, which says of the log only when its rows were. `read_map`
+    accepts it once every joint or actuator has a position and a command.
     """
     names = channel_names(tables)
     parts = [_HEAD, _OF_JOINTS if robot.jointed else _OF_VEHICLE]
