@@ -76,7 +76,7 @@ from .model import RobotModel as RobotModel
 from .model import Servos as Servos
 
 # Context in which MuJoCo's warnings are collected, not printed or written to MUJOCO_LOG.TXT.
-from .quiet import quiet as quiet
+from .silence import quiet as quiet
 
 # The geom types that `of_geom` supports.
 from .shapes import DRAWN as DRAWN
