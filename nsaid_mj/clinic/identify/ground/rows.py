@@ -176,8 +176,10 @@ class GroundRows(Rows):
 
     def smoothed(self, number: int, ground: Ground) -> Smooth:
         """A motion under other assumptions about sensors."""
-        motion = smooth_ground(ground, self.segments[number], self.chosen)
-        return self._between(number, motion, ground)
+        own = self.motions[number]  # whose joints are the same
+        parts = zip(own[1:4], base_motion(ground, self.segments[number], self.chosen), strict=True)
+        q, v, a = (np.hstack([base, x[:, base.shape[1] :]]) for x, base in parts)
+        return self._between(number, own._replace(q=q, v=v, a=a), ground)
 
     def answer(self, number: int, theta: Array) -> Array:
         """(M, 6) accelerations of the base right after one row's step of the targets, at θ (p,).
@@ -382,11 +384,21 @@ class GroundRows(Rows):
 
 def smooth_ground(ground: Ground, segment: LogSegment, chosen: Filter) -> Smooth:
     """The smoothed motion of base and joints of a segment."""
-    assert segment.imu is not None
     log = segment.log
     pick = slice(None, None, chosen.every)
     joints = chosen.low_pass(log.q)
     rates = slope(log.t, joints) if chosen.differentiate else chosen.low_pass(log.v)
+    each = (joints, rates, slope(log.t, rates))
+    pairs = zip(base_motion(ground, segment, chosen), each, strict=True)
+    q, v, a = (np.hstack([base, own[pick]]) for base, own in pairs)
+    usable = np.repeat(np.all(segment.usable, axis=1, keepdims=True), v.shape[1], axis=1)
+    return Smooth(log.t[pick], q, v, a, usable[pick])
+
+
+def base_motion(ground: Ground, segment: LogSegment, chosen: Filter) -> tuple[Array, Array, Array]:
+    """(M, 7) positions, (M, 6) velocities and (M, 6) accelerations of the base of a segment."""
+    assert segment.imu is not None
+    log = segment.log
     imu = _at_time(log.t, segment.imu, ground.clock)
     turn = ground.imu.rotation
     spin = chosen.low_pass(imu[:, 4:7] @ turn.T)
@@ -398,11 +410,13 @@ def smooth_ground(ground: Ground, segment: LogSegment, chosen: Filter) -> Smooth
     quaternion /= np.linalg.norm(quaternion, axis=1)[:, None]
     down = -GRAVITY * Rotation.from_quat(quaternion).as_matrix()[:, 2]
     none = np.zeros_like(force)
-    q = np.asarray(np.hstack([none, quaternion, joints]), dtype=np.float64)
-    v = np.asarray(np.hstack([none, spin, rates]), dtype=np.float64)
-    a = np.asarray(np.hstack([force + down, spun, slope(log.t, rates)]), dtype=np.float64)
-    usable = np.repeat(np.all(segment.usable, axis=1, keepdims=True), v.shape[1], axis=1)
-    return Smooth(log.t[pick], q[pick], v[pick], a[pick], usable[pick])
+    found = (
+        np.hstack([none, quaternion]),
+        np.hstack([none, spin]),
+        np.hstack([force + down, spun]),
+    )
+    q, v, a = (np.asarray(x[:: chosen.every], dtype=np.float64) for x in found)
+    return q, v, a
 
 
 def _travelled(segment: LogSegment, chosen: Filter) -> Array:
