@@ -27,7 +27,10 @@ WORDS: dict[Quantity, frozenset[str]] = {
         "force moment voltage pwm esc throttle thr thrust thruster amps"
     ),
 }
-_OTHER = _set("acceleration acc accel ddq qdd error err temperature temp status mode limit kp kd")
+_OTHER = _set(
+    "acceleration acc accel ddq qdd error err temperature temp status mode limit max min kp kd "
+    "enable enabled disabled flag fault ready"
+)
 _WANTED = _set("target desired des cmd command commanded ref reference setpoint goal sp")
 _FORWARD = _set("ff feedforward forward")
 _TARGET = _WANTED | {"action"}
