@@ -28,7 +28,7 @@ def logged(folder: Path, seed: int) -> tuple[Path, Path, np.ndarray]:
     d, rows, n = mujoco.MjData(m), [], m.nv
     w, size = 2 * np.pi * 0.45 * np.arange(1, 5), rng.normal(size=(n, 4)) / np.arange(1, 5)
     phase = rng.uniform(0, 2 * np.pi, (n, 4))
-    for k in range(15_000):
+    for k in range(9_000):
         if k % 5 == 0:
             desired = 0.6 * (size * np.sin(w * 1e-3 * k + phase)).sum(axis=1)
             d.ctrl[:] = d.qfrc_bias + 60 * (desired - d.qpos) - 3 * d.qvel
