@@ -75,6 +75,9 @@ from .model import RobotModel as RobotModel
 # Position servos on k joints: force = kp (u − q) − kv q̇.
 from .model import Servos as Servos
 
+# Context in which MuJoCo's warnings are collected, not printed or written to MUJOCO_LOG.TXT.
+from .silence import quiet as quiet
+
 # The geom types that `of_geom` supports.
 from .shapes import DRAWN as DRAWN
 

@@ -23,7 +23,7 @@ _NOISE = 0.2  # of a command in a row, over its deviation, against which links a
 _CLOCKS = np.array([0.1, 0.2, 0.33, 0.5, 0.6, 0.72, 0.85, 1.0, 1.2, 1.4, 1.7, 2.0, 3.0, 5.0, 10.0])
 _WRONG = 1.25  # factor of a clock from which inertias of a file do not explain it
 _FALLS = 0.8  # ratio of errors above which a clock is not told
-_ALIKE = 1.05  # such a ratio below which two clocks fit alike
+_ALIKE = 1.05  # such a ratio to the log's own clock up to which another one fits as well
 _FITS = 0.15  # error on another clock from which that does not explain the commands either
 _FLAT = 1.2  # ratio of errors on neighbouring clocks below which the best one is not determined
 _BESIDE = 1.5  # factor between such clocks
@@ -36,7 +36,7 @@ class Retimed(NamedTuple):
     scale: float
     error: float  # of the commands on that clock, geometric mean of the joints
     plain: float  # on the log's own
-    twice: float  # on a clock that is twice as fast or slow, whichever fits better
+    alike: tuple[float, float]  # least and largest factor of clocks on which they fit as well
     beside: float  # on a clock beside the best one, whichever fits better
     joints: int  # with a motor
 
@@ -50,8 +50,8 @@ class Retimed(NamedTuple):
 
     @property
     def loose(self) -> bool:
-        """Whether a clock that is twice as fast or slow fits as well: inertia hardly acts."""
-        return self.twice < _ALIKE * self.plain
+        """Whether clocks that are far from the log's own fit as well: inertia hardly acts."""
+        return self.alike[0] * _WRONG < 1 or self.alike[1] > _WRONG
 
 
 class BentLinks:
@@ -160,11 +160,12 @@ def retimed(links: BentLinks) -> Retimed:
     found = scipy.optimize.minimize_scalar(
         lambda x: links.error(float(np.exp(x))), bounds=around, options={"maxiter": 12}
     )
-    of = dict(zip(_CLOCKS.tolist(), errors, strict=True))
-    twice = min(of[0.5], of[2.0])
+    plain = errors[_CLOCKS.tolist().index(1.0)]
+    alike = _CLOCKS[np.array(errors) <= _ALIKE * plain]
+    ends = float(alike.min()), float(alike.max())
     scale = float(np.exp(found.x))
     beside = min(links.error(scale * _BESIDE), links.error(scale / _BESIDE))
-    return Retimed(scale, float(found.fun), of[1.0], twice, beside, len(links.joints))
+    return Retimed(scale, float(found.fun), plain, ends, beside, len(links.joints))
 
 
 def _sizes(link: Sequence[float]) -> Array:
