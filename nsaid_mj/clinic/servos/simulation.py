@@ -103,11 +103,22 @@ def _held(t, target, held, end):
 
 @kernel(error_model="numpy")
 def _share(decay):
-    """Share of a step's end in its mean speed, from h T/J, and how it changes with that."""
-    if decay < 1e-3:
-        return 0.5, 1 / 12
-    left = np.exp(-decay)
-    return 1 / (1 - left) - 1 / decay, 1 / decay**2 - left / (1 - left) ** 2
+    """Share of a step's end in its mean speed, from h T/J."""
+    return 1 / (1 - np.exp(-decay)) - 1 / decay if decay > 1e-3 else 0.5
+
+
+@kernel(error_model="numpy")
+def _slopes(of_J, of_part, decay, a, moved):
+    """The derivatives of J = a + `moved`, and those of `_share`, by ln θ."""
+    rise = decay / 12
+    if decay > 1e-3:
+        left = np.exp(-decay)
+        rise = 1 / decay - decay * left / (1 - left) ** 2
+    of_J[2] = moved
+    of_J[3] = a
+    of_part[0] = rise
+    of_part[2] = -rise * moved / (a + moved)
+    of_part[3] = -rise * a / (a + moved)
 
 
 @kernel(error_model="numpy")
@@ -138,7 +149,6 @@ def move(t, target, load, inertia, limit, theta, effects, longest, out, slope):
     T, f, g, a, d = theta
     stribeck, rising = effects
     of_q, of_v, of_J, of_part, of_drive = np.zeros((5, COLUMNS))
-    of_J[3] = a
     q = out[0]
     v = 0.0
     held = 0
@@ -148,9 +158,9 @@ def move(t, target, load, inertia, limit, theta, effects, longest, out, slope):
         moved = g * (inertia[i] + inertia[i + 1]) / 2
         J = a + moved
         resisted = h * T + h * h / 2
-        part, rise = _share(h * T / J)
-        of_J[2] = moved
-        of_part[:4] = rise * h * T / J * (np.array([J, 0.0, -moved, -a]) / J)
+        part = _share(h * T / J)
+        if len(slope):
+            _slopes(of_J, of_part, h * T / J, a, moved)
         for s in range(steps):
             begin = t[i] + s * h - d
             area, held = _area(t, target, held, begin, h)
@@ -162,22 +172,25 @@ def move(t, target, load, inertia, limit, theta, effects, longest, out, slope):
             m = J + part * resisted
             drive = kept * v + error - h * hold
             before = v
-            v = np.sign(drive) * max(abs(drive) - grip, 0.0) / m
+            v = 0.0
+            if abs(drive) > grip:
+                v = (drive - np.sign(drive) * grip) / m
             mean = (1 - part) * before + part * v
-            most = np.sign(error - resisted * mean) * h * g * limit
-            full = abs(error - resisted * mean) > abs(most)
+            servo = error - resisted * mean
+            full = abs(servo) > h * g * limit
             if full:
                 kept = m = J
-                drive = J * before + most - h * hold
+                drive = J * before + np.sign(servo) * h * g * limit - h * hold
                 v = np.sign(drive) * max(abs(drive) - grip, 0.0) / J
                 mean = (1 - part) * before + part * v
             q += h * mean
             if len(slope) == 0 or (before == 0.0 and v == 0.0):
                 continue
             # where it slips, v = (kept before + drive − grip) / m; a full servo feels no error
-            side = np.sign(v)
-            free = 0.0 if full else 1.0
-            of_load = (most if full else 0.0) - h * (hold + side * rising * abs(hold))
+            side, free = np.sign(v), 0.0 if full else 1.0
+            of_load = (np.sign(servo) * h * g * limit if full else 0.0) - h * (
+                hold + side * rising * abs(hold)
+            )
             of_delay = free * d * (target[held] - _held(t, target, held, begin + h))
             of_drive[:5] = -free * h * T * mean, -side * h * f, of_load, 0.0, of_delay
             of_drive[5:7] = -side * h * fallen, -side * h * abs(hold)
@@ -213,7 +226,7 @@ def move_arm(t, target, load, mass, limit, theta, longest, q, v):
             J[j] = a + g * M[j, j]
             resisted[j] = h * T + h * h / 2
             grip[j] = h * f
-            part[j] = _share(h * T / J[j])[0]
+            part[j] = _share(h * T / J[j])
         for s in range(steps):
             w = (s + 0.5) / steps
             for j in range(n):
