@@ -19,8 +19,8 @@ from scipy.ndimage import maximum_filter1d
 from scipy.spatial.transform import Rotation
 
 from ....core import Array, Elimination
-from ....lab import JointMap, quiet
-from ....robots import RobotModel
+from ....lab import JointMap
+from ....robots import RobotModel, quiet
 from ...logs.imu import GRAVITY
 from ...logs.recordings import Recordings
 from ..rows import unrolled
