@@ -128,11 +128,12 @@ class Side:
             places = max(0, -int(np.floor(np.log10(step) + 1e-9)))
             return [(at, f"{at + 0.0:.{places}f}".replace("-", "−")) for at in found]
         decades = np.log10(high / low)
-        if decades > 2:
+        few = most <= 4
+        if decades > (1.2 if few else 2):
             step = int(np.ceil(decades / most))
             powers = range(int(np.ceil(np.log10(low))), int(np.floor(np.log10(high))) + 1, step)
             found = [10.0**power for power in powers]
-        elif decades > 0.8:
+        elif decades > 0.8 and not few:
             first = int(np.floor(np.log10(low)))
             steps = (10.0**k * times for k in range(first, first + 4) for times in (1, 2, 5))
             found = [at for at in steps if low <= at <= high]
@@ -168,7 +169,7 @@ class Axes:
         self.frame = frame
         self.grids = (True, True)  # of x and y
         self.upright = True  # whether ticks along x are written from left to right
-        self.labelled = True  # whether ticks along x have texts
+        self.labelled = True  # whether x has texts at its ticks, and its label below
         self._parts: list[str] = []
         self._free: list[str] = []  # in front, not clipped by the box
         self._tables: list[list[float | None]] = []
@@ -315,8 +316,8 @@ class Axes:
                 f'<g data-tick="y">{_rule(line)}{_text(words, left - 5, y + 3, "end")}</g>'
             )
         parts.append(_rule(f"M {left} {top} L {left} {bottom} L {right} {bottom}", INK))
-        if self.x.label:
-            below = bottom + _LINE * self.labelled + _LINE + 2
+        if self.x.label and self.labelled:
+            below = bottom + 2 * _LINE + 2
             parts.append(_text(self.x.label, (left + right) / 2, below))
         if self.y.label:
             x, y = 9.0, (top + bottom) / 2
