@@ -133,12 +133,13 @@ class Side:
             step = int(np.ceil(decades / most))
             powers = range(int(np.ceil(np.log10(low))), int(np.floor(np.log10(high))) + 1, step)
             found = [10.0**power for power in powers]
-        elif decades > 0.8 and not few:
+        else:
             first = int(np.floor(np.log10(low)))
             steps = (10.0**k * times for k in range(first, first + 4) for times in (1, 2, 5))
             found = [at for at in steps if low <= at <= high]
-        else:
-            found = multiples(low, high, most - 1)[1]
+            if len(found) < (2 if few else 4):
+                found = multiples(low, high, most - 1)[1]
+            found = found[:: -(-len(found) // most)] if few else found
         plain = decades <= 2 or (low >= 1e-3 and high < 1e4)
         return [(at, number(at, plain)) for at in found]
 

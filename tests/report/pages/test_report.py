@@ -181,7 +181,9 @@ def test_everything_is_unfolded_on_paper(summary: dict[str, Any], text: str) -> 
     assert all(row["label"] in cells for row in summary["parameters"])
 
 
-def test_the_verdict_comes_first_then_gains_then_statistics_and_the_robots_picture(text: str) -> None:
+def test_the_verdict_comes_first_then_gains_then_statistics_and_the_robots_picture(
+    text: str,
+) -> None:
     order = [
         text.index(part)
         for part in (
