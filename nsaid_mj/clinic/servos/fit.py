@@ -24,7 +24,7 @@ PLAY = 2.0
 """Half the usual play of a servo's gears, over the deviation of its zero: makers of hobby servos
 with steps of 1.5 mrad state up to 9 mrad of play, and fine encoders come with finer gears."""
 _PARABOLA = 0.05  # half of the span of three positions that tell an acceleration [s]
-_WEAK = 0.3  # torque over its rms, at which backlash is half on its side
+_WEAK = 0.05  # torque over its rms, at which backlash is half on its side
 _PULLS = 2.0  # shifts of parameters by backlash over those by its estimate, on simulated arms
 _STEEPEST = 100.0  # [rad or m] by ln θ: a servo between both of its limits is chaotic
 _WINDOW = 2.0  # in which external forces are detected [s]
@@ -282,6 +282,8 @@ class Spread(NamedTuple):
     # and the simulation's own accuracy
     rest: Array
     moved: Array  # (k, 4 n) change of the parameters by what the equation lacks: `Simulated.moved`
+    size: Array  # (4 n,) of each of these that the residual shows
+    gain: Array  # (4 n,) decrease of the cost by it
     without: Array  # (G, k) change of the parameters without each cluster, by a Gauss–Newton step
     common: float  # mean dispersion of all numbers of the arm, or the least for such residuals
 
@@ -342,10 +344,11 @@ def spreads(fits: Sequence[OutputError], cluster: Indices, zero: Sequence[Array]
     own = np.array([s.own(one) for s in found for one in np.eye(len(s.rest))[s.free]])
     degrees = own[:, 1].sum()
     common = float(own[:, 0] @ own[:, 1] / degrees) if degrees else _DISPERSED
-    return [spread._replace(common=max(common, spread.common)) for spread in found]
+    return [_with_slack(one._replace(common=max(common, one.common))) for one in found]
 
 
 def _spread(fit: OutputError, cluster: Indices, zero: Array) -> Spread:
+    """Without backlash; `common` is the least of a residual above the encoder's resolution."""
     weight = weights(fit.of, fit.residual, fit.sigma)
     free = fit.prior.free
     P = np.diag(fit.prior.deviation[free] ** -2.0)
@@ -358,16 +361,30 @@ def _spread(fit: OutputError, cluster: Indices, zero: Array) -> Spread:
     without = np.zeros((len(clusters), len(fit.x)))
     without[:, free] = np.linalg.solve(H - information, scores[..., None])[..., 0]
     effect = fit.of.moved(fit.x, zero)
-    moved = np.zeros((len(fit.x), effect.shape[1]))
     seen = weighted.T @ effect
+    moved = np.zeros((len(fit.x), effect.shape[1]))
     moved[free] = A @ seen
-    by_zero, _, by_slack = np.split(moved, [len(zero), 2 * len(zero)], axis=1)
-    left = np.sum(effect**2 * weight[:, None], axis=0) - np.sum(seen * (A @ seen), axis=0)
-    slack = np.maximum(-(weight * fit.residual) @ effect / np.maximum(left, 1e-300), 0.0)
-    by_slack = _PULLS * by_slack * slack[2 * len(zero) :]
-    rest = by_zero @ by_zero.T + by_slack @ by_slack.T
+    left = np.sum(effect**2 * weight[:, None], axis=0) - np.sum(seen * moved[free], axis=0)
+    size = -(weight * fit.residual) @ effect / np.maximum(left, 1e-300)
+    size[2 * len(zero) :] = np.clip(size[2 * len(zero) :], 0.0, np.tile(PLAY * zero, 2))
+    by_zero = moved[:, : len(zero)]
+    rest = by_zero @ by_zero.T
     rest[np.ix_(free, free)] += A @ P @ A + _NUMERICAL**2 * np.eye(len(free))
     steps = zero / _TICKS / np.sqrt(12)  # rms of an encoder's error, or less
     unexplained = 1 - np.minimum(steps / (fit.sigma * fit.of.unit), 1.0) ** 2
     least = _DISPERSED * float(unexplained.mean())
-    return Spread(free, A, information, scores, rest, moved, without, least)
+    return Spread(free, A, information, scores, rest, moved, size, size**2 * left, without, least)
+
+
+def _with_slack(spread: Spread) -> Spread:
+    """With the change of the parameters by the backlash of each joint that its residual shows.
+
+    It is within the servo's loop or behind it, whichever lowers the cost more; as any further
+    number lowers it by the dispersion, that share of it is not counted.
+    """
+    n = spread.moved.shape[1] // 4
+    places = np.arange(n) + 2 * n
+    at = np.where(spread.gain[places] > spread.gain[places + n], places, places + n)
+    shown = np.maximum(1 - spread.common / np.maximum(spread.gain[at], 1e-300), 0.0)
+    slack = _PULLS * spread.moved[:, at] * spread.size[at] * shown
+    return spread._replace(rest=spread.rest + slack @ slack.T)

@@ -66,7 +66,9 @@ def test_a_variance_that_one_log_decides_gives_a_wide_interval(share, least, mos
     information = np.array([share, 1, 1, 1, 1]).reshape(5, 1, 1)
     one = np.ones((1, 1))
     inverse = 1 / information.sum(axis=0)
-    spread = Spread(np.arange(1), inverse, information, one.repeat(5, 0), 0 * one, one, one, 1.0)
+    spread = Spread(
+        np.arange(1), inverse, information, one.repeat(5, 0), 0 * one, one, one, one, one, 1.0
+    )
     assert least < spread.quantile(np.ones(1)) < most  # 4 degrees of freedom are the arm's
     certain = spread._replace(rest=100 * one)  # all but a hundredth is not from the logs
     assert certain.quantile(np.ones(1)) == pytest.approx(1.96, abs=1e-3)
