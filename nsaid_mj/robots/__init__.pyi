@@ -75,9 +75,6 @@ from .model import RobotModel as RobotModel
 # Position servos on k joints: force = kp (u − q) − kv q̇.
 from .model import Servos as Servos
 
-# Context in which MuJoCo's warnings are collected, not printed or written to MUJOCO_LOG.TXT.
-from .quiet import quiet as quiet
-
 # The geom types that `of_geom` supports.
 from .shapes import DRAWN as DRAWN
 
@@ -89,6 +86,9 @@ from .shapes import VisualMesh as VisualMesh
 
 # The mesh of MuJoCo's geom i, a box or a solid of revolution, in the geom's own frame.
 from .shapes import of_geom as of_geom
+
+# Context in which MuJoCo's warnings are collected, not printed or written to MUJOCO_LOG.TXT.
+from .silence import quiet as quiet
 
 # Writes a table as YAML, lists of numbers on one line.
 from .tables import write_table as write_table

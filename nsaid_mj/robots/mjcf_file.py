@@ -21,7 +21,7 @@ from ..base import LARGEST, Finding, check_input, pin
 from ..core import Array
 from .errors import BadRobot
 from .inertias import moved, moved_inside, plausible_size
-from .quiet import quiet
+from .silence import quiet
 from .tree import body_name, wxyz
 from .xml import check_named_files, numbers, read_xml
 
