@@ -61,7 +61,7 @@ def main(scenario: Scenario, arguments: Sequence[str] | None = None) -> NoReturn
 def run_from_shell() -> NoReturn:
     """The console script `nsaid`."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # our matrices are too small for threads
-    os.environ.setdefault("MUJOCO_GL", "disable")  # MuJoCo renders nothing
+    os.environ["MUJOCO_GL"] = "disable"  # MuJoCo renders nothing; a bad word would end its import
     gc.set_threshold(50_000)  # imports allocate many permanent objects; scanning them is slow
     atexit.register(gc.freeze)  # skips the scan at exit, which takes half a second
     open_streams()

@@ -32,10 +32,14 @@ from .smoothing import fed_back
 
 
 def write_models(result: Identification, folder: Path) -> tuple[list[Path], list[Finding]]:
-    """Writes the calibrated model, in all formats that can represent it, into an existing folder.
+    """Writes the calibrated model, in all formats that can represent it, into a folder.
 
     Returns the files, and the deviation of the exported model from the log.
+
+    Raises:
+        NotWritten: a file of the user's is in the way, or the folder cannot be written.
     """
+    folder.mkdir(parents=True, exist_ok=True)
     robot = result.robot
     files = [folder / "calibrated.yaml"]
     write_parameters(result, files[0])
