@@ -20,7 +20,7 @@ DOORS = {
     "base": 61,
     "core": 103,
     "watch": 5,
-    "robots": 36,
+    "robots": 37,
     "report": 81,
     "lab": 96,
     "clinic": 5,

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -47,6 +47,12 @@ def channel_names(tables: Sequence[LogTable]) -> list[str]:
     return list(dict.fromkeys(name for table in tables for name in table.channels))
 
 
+def listed(names: Iterable[str]) -> str:
+    """Names of columns for a message: the first thirty, and how many there are."""
+    every = list(names)
+    return ", ".join(every[:30]) + (f" … ({len(every)} in all)" if len(every) > 30 else "")
+
+
 def values_of(name: str, tables: Sequence[LogTable]) -> Array:
     """All finite values of a channel."""
     found = [table.channels[name].values for table in tables if name in table.channels]
@@ -71,7 +77,7 @@ def read(path: str | os.PathLike[str], time: Time = _FOUND) -> LogTable:
     for columns in formats.read(file):
         findings += _unread(file, columns)
         clock, rest = _timed(file, columns, time, findings)
-        clock = clock.scaled(time.scale)
+        clock = clock.scaled(time.scale or 1.0)
         groups.append((clock, _numbers(file, rest, findings)))
         dropped += columns.dropped
         for name, column in rest.items():
@@ -127,7 +133,7 @@ def _timed(
         if rate is None:
             raise UnreadableLog(
                 file,
-                f"no column looks like the time; the columns are {', '.join(values)}",
+                f"no column looks like the time; the columns are {listed(values)}",
                 "Name it in map.toml, as in `[time]` `column = …`, or state `rate = …` there.",
             )
         count = len(next(iter(values.values())))
