@@ -123,7 +123,9 @@ def test_entering_a_door_loads_nothing_behind_it(house):
     assert not modules & (HEAVY | {"numpy", "scipy", "numba"})
 
 
-@pytest.mark.parametrize("module", ["lab.scenario", "lab.loop", "cli.commands"])
+@pytest.mark.parametrize(
+    "module", ["lab.scenario", "lab.loop", "cli.commands", "report.drawings", "report.picture"]
+)
 def test_a_run_imports_the_viewer_only_when_it_is_shown(module):
     modules = imported(f"import nsaid_mj.{module}")
     assert not modules & {"rerun", "matplotlib"}

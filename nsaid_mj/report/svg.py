@@ -119,29 +119,34 @@ class Side:
         return (np.log10(np.where(drawn > 0, drawn, np.nan)) - low) / (high - low)
 
     def _numbers(self, most: int) -> list[tuple[float, str]]:
+        """Decades, multiples of 1, 2 and 5, or equal steps: the first of these that are enough."""
         low, high = sorted(self.ends)
         if not self.log:
-            step, found = multiples(low, high, most)
-            largest = max(map(abs, self.ends))
-            if largest >= 1e5 or step < 1e-4:
-                return [(at, number(at, plain=False).replace("-", "−")) for at in found]
-            places = max(0, -int(np.floor(np.log10(step) + 1e-9)))
-            return [(at, f"{at + 0.0:.{places}f}".replace("-", "−")) for at in found]
+            return _even(low, high, most)
         decades = np.log10(high / low)
         few = most <= 4
-        if decades > (1.2 if few else 2):
-            step = int(np.ceil(decades / most))
-            powers = range(int(np.ceil(np.log10(low))), int(np.floor(np.log10(high))) + 1, step)
-            found = [10.0**power for power in powers]
-        else:
-            first = int(np.floor(np.log10(low)))
-            steps = (10.0**k * times for k in range(first, first + 4) for times in (1, 2, 5))
+        first = int(np.ceil(np.log10(low)))
+        last = int(np.floor(np.log10(high)))
+        found = [10.0**k for k in range(first, last + 1, max(1, int(np.ceil(decades / most))))]
+        if len(found) < 2 or (decades <= 2 and not few):
+            steps = (10.0**k * times for k in range(first - 1, last + 1) for times in (1, 2, 5))
             found = [at for at in steps if low <= at <= high]
             if len(found) < (2 if few else 4):
-                found = multiples(low, high, most - 1)[1]
+                return _even(low, high, most - 1)
             found = found[:: -(-len(found) // most)] if few else found
         plain = decades <= 2 or (low >= 1e-3 and high < 1e4)
         return [(at, number(at, plain)) for at in found]
+
+
+def _even(low: float, high: float, most: int) -> list[tuple[float, str]]:
+    """Ticks in equal steps, each with as many digits as tell them apart."""
+    step, found = multiples(low, high, most)
+    largest = max(abs(low), abs(high))
+    # at most three digits of a tick are written beside a power of ten
+    if (largest >= 1e5 or step < 1e-4) and largest < 1000 * step:
+        return [(at, number(at, plain=False).replace("-", "−")) for at in found]
+    places = max(0, -int(np.floor(np.log10(step) + 1e-9)))
+    return [(at, f"{at + 0.0:.{places}f}".replace("-", "−")) for at in found]
 
 
 class Axes:
