@@ -26,7 +26,7 @@ DEAREST = (
     "plans/studies/test_sweep.py",
     "faults/test_processes.py",
     "core/structure/test_compiled.py",
-    "lab/baselines/test_baselines.py",
+    "plans/baselines/test_baselines.py",
     "contract/test_identifiers.py",
     "core/laws/test_cone.py",
     "core/laws/test_memory_law.py",
