@@ -74,7 +74,7 @@ DRAWN = (
 def pytest_configure(config: pytest.Config) -> None:
     """Fewer examples where long studies are left out; other ones are drawn each time."""
     if "not slow" in config.option.markexpr:
-        settings.register_profile("short", max_examples=40)
+        settings.register_profile("short", max_examples=25)
         settings.load_profile("short")
 
 
@@ -99,6 +99,12 @@ def drawings(request: pytest.FixtureRequest) -> Iterator[None]:
             patch.setattr("nsaid_mj.report.drawings.draw", lambda panel: "<svg></svg>")
             patch.setattr("nsaid_mj.clinic.identify.inspection_page.png_of", blank)
         yield
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draws nothing where pages are drawn otherwise: for tests that read the text."""
+    monkeypatch.setattr("nsaid_mj.report.drawings.draw", lambda panel: "<svg></svg>")
 
 
 def blank(lines: object, size: object, path: Path) -> Path:

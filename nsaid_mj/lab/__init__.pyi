@@ -157,9 +157,6 @@ from .plants.world.noise import SensorNoise as SensorNoise
 # A simulated plant. Step it inside `with plant.running():`.
 from .plants.world.plant import Plant as Plant
 
-# Context in which MuJoCo's warnings are neither printed nor written to MUJOCO_LOG.TXT.
-from .plants.world.quiet import quiet as quiet
-
 # Sensors with their own stream of random errors; without noise they are exact.
 from .plants.world.sensors import Sensors as Sensors
 

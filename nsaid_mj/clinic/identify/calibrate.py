@@ -25,7 +25,7 @@ from .identifiability import (
     suggest,
 )
 from .joints import TRUSTED, nearest_friction
-from .links import check_loads, payloads
+from .links import check_loads
 from .problem import FitProblem, folds, least_squares
 from .residuals import Followed, doubts, followed, widened
 from .result import (
@@ -38,6 +38,7 @@ from .result import (
     recording_shifts,
     statistics_of,
 )
+from .vehicle_loads import carried_by
 from .verdict import verdict
 
 _FOLDS = 5
@@ -72,7 +73,7 @@ def calibrate(
     if dry is not None:
         robot = with_dry_mass(robot, dry)
     check_loads(options.loads, [segment.source for segment in recordings.segments])
-    for payload in payloads(robot.model, options.loads):
+    for payload in carried_by(robot, options.loads):
         known |= payload.known
     found = [*options.contradicted, *robot.findings, *recordings.findings]
     if validation is not None:
@@ -210,7 +211,7 @@ def _identification(
         theta=fit.theta,
         deviation=exact.deviation,
         covariance=exact.covariance,
-        friction=nearest_friction(problem, fit.theta),
+        friction=nearest_friction(problem, fit.theta, len(robot.joints)),
         statistics=statistics_of(joints),
         predictions=_curves(problem, fit.theta, recordings),
         validation=checked,

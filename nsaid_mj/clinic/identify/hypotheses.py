@@ -23,10 +23,11 @@ from ..logs.recordings import Recordings
 from .dry_mass import of_parameters
 from .fit import information, minimise, tempered
 from .identifiability import index_of, informed
-from .links import CarriedLoads, ball_at, payloads
+from .links import CarriedLoads, ball_at
 from .loads import Load
 from .problem import FitProblem, Mask
 from .result import BatchFit, Options
+from .vehicle_loads import carried_by
 from .verdict import CONTRADICTED
 
 _TOLD = 0.1  # relative standard deviation of a told value, such as a data sheet's motor constant
@@ -72,9 +73,10 @@ def without_contradicted(
     told = []
     for name, value in of_parameters(robot, options.known).items():
         told.append(_Told(index_of(problem, name), value, {name: value}))
-    carried = payloads(robot.model, options.loads) if options.loads else []
-    for each in carried:
-        better = _elsewhere(robot, recordings, fitted, each, options)
+    for each in carried_by(robot, options.loads):
+        better = None
+        if robot.jointed:
+            better = _elsewhere(robot, recordings, fitted, each, options)
         if better is not None:
             return better
         if each.known:

@@ -180,6 +180,9 @@ def _fitted(
     if law != "batch" and recordings.turns_only:
         expected = "batch, as the translation is not measured"
         raise InvalidInput("--law", expected, law, "Leave --law out.")
+    if law != "batch" and options.loads and not robot.jointed:
+        expected = "batch, as a load is carried in some of the logs"
+        raise InvalidInput("--law", expected, law, "Leave --law or --load out.")
     found = calibrate(robot, recordings, validation, options, report)
     for _ in range(PASSES):
         foreign = foreign_phases(found)
@@ -336,10 +339,11 @@ def _options(
     Raises:
         UnknownName: there is no such friction column.
         InvalidInput: delays are not 1 or k numbers within ±1 s, the cut-off is out of range, a load
-            is stated in another form, or the robot that carries it is not a tree of joints.
+            is stated in another form, or without its place on a vehicle.
     """
     from .choose.columns import BASIC, COLUMNS, EXTRA
     from .result import Options
+    from .vehicle_loads import check_place
 
     k = len(robot.joints)
     names = None
@@ -358,6 +362,7 @@ def _options(
         delays = np.broadcast_to(given, (k,)).copy()
     if cutoff is not None and not 0.1 <= cutoff <= 1000.0:
         raise InvalidInput("cutoff", "0.1 to 1000 Hz", cutoff, "Leave it out to have it chosen.")
-    if loads and not robot.jointed:
-        raise InvalidInput("--load", "a robot of joints", "a vehicle", "Give --known.")
-    return Options(names, coupled, delays, cutoff, tuple(map(_load, loads)))
+    carried = tuple(map(_load, loads))
+    if not robot.jointed:
+        check_place(carried)
+    return Options(names, coupled, delays, cutoff, carried)

@@ -114,11 +114,7 @@ class JointRows(Rows):
         self.system = unrolled(robot.system)
         law = recordings.feedback
         self._commands = [(s, smooth_commands(s, chosen, law)) for s in self.segments]
-        self._fed_back: Array | float = 0.0
-        if law is not None:
-            self._fed_back = self.joined(
-                lambda motion: np.asarray(fed_back(law, motion.q, motion.v))
-            )
+        self._fed_back = self._feedback()
         self._entries: dict[Key, Array] = {}
         self.diagonal = Diagonal(self._fastened)
         self.loading = file_links(robot.model)
@@ -136,6 +132,13 @@ class JointRows(Rows):
         other.reweigh(self.loading)
         other.driven = self.driven
         return other
+
+    def _feedback(self) -> Array | float:
+        """(N, n) what a PD law takes from the commands; 0 without one."""
+        law = self.recordings.feedback
+        if law is None:
+            return 0.0
+        return self.joined(lambda motion: np.asarray(fed_back(law, motion.q, motion.v)))
 
     def _evaluated(self) -> Array:
         """Columns of the links; keeps those of joints without a friction speed, and couplings."""
@@ -192,6 +195,15 @@ class JointRows(Rows):
         found.diagonal = Diagonal(found._fastened)
         same = [name for name in self.diagonal if name not in FASTENED]
         found.diagonal.update({name: self.diagonal[name] for name in same})
+        return found
+
+    def retimed(self, scale: float) -> JointRows:
+        """The rows with all times multiplied by a number, as if the log's clock were wrong."""
+        found = copy.copy(self)
+        found.motions = [m._replace(v=m.v / scale, a=m.a / scale**2) for m in self.motions]
+        found._fed_back = found._feedback()
+        found.diagonal = Diagonal(found._fastened)
+        found.links = found._evaluated()
         return found
 
     def reweigh(self, links: Array) -> None:
@@ -427,26 +439,28 @@ def joint_of(parameter: str) -> int:
     return int(parameter.rpartition("_")[2]) - 1
 
 
-def nearest_friction(problem: FitProblem, theta: Array) -> tuple[Array, Array]:
-    """(k,) viscous and (k,) Coulomb friction that approximate all friction of a joint at θ (p,)."""
+def nearest_friction(problem: FitProblem, theta: Array, count: int) -> tuple[Array, Array]:
+    """(k,) viscous and (k,) Coulomb friction that approximate all friction of k = count joints.
+
+    theta (p,) are the parameters. A joint that follows another one has none.
+    """
     space = problem.space
     kinds = [COLUMNS[name].block for name in COLUMNS if name not in ("rotor", "spring", "offset")]
     used = [space[block.name] for block in space.blocks if block.name in kinds]
     pairs = [COLUMNS[name] for name in ("viscous", "coulomb")]
     if not {block.name for block in space.blocks}.issuperset(pair.block for pair in pairs):
         return np.zeros(0), np.zeros(0)
-    found = []
-    own = [space[pair.block] for pair in pairs]
-    if own[0].stop - own[0].start < problem.Y.shape[1] and len(used) == len(pairs):
-        return theta[own[0]], theta[own[1]]  # a floating base comes first, and there is no other
-    for j in range(problem.Y.shape[1]):
-        rows = problem.Y[problem.usable[:, j], j]
+    base = problem.Y.shape[1] - count  # velocities of a floating base come first
+    found = np.zeros((count, 2))
+    for j in range(count):
         own = [f"{pair.letter}_{j + 1}" for pair in pairs]
-        if not {*own} <= {*space.names}:  # a joint that follows another one
-            found.append(np.zeros(2))
+        if not {*own} <= {*space.names}:
             continue
-        whole = sum(rows[:, place] @ theta[place] for place in used)
-        basis = np.column_stack([rows[:, space.index(name)] for name in own])
-        found.append(scipy.optimize.nnls(basis, whole)[0] if len(rows) else np.zeros(2))
-    viscous, coulomb = np.array(found).T
+        places = [space.index(name) for name in own]
+        found[j] = theta[places]
+        rows = problem.Y[problem.usable[:, base + j], base + j]
+        if len(used) > len(pairs) and len(rows):
+            whole = sum(rows[:, place] @ theta[place] for place in used)
+            found[j] = scipy.optimize.nnls(rows[:, places], whole)[0]
+    viscous, coulomb = found.T
     return viscous, coulomb

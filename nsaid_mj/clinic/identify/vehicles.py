@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,10 +23,13 @@ from .choose.thruster_curve import ThrusterCurve, sheet_curve
 from .choose.timing import Timing
 from .dry_mass import scale_deviation
 from .joints import FILE
+from .links import CarriedLoads
+from .loads import Load
 from .problem import FitProblem, Size, size_weights
 from .rows import Rows, with_columns
 from .smoothing import Filter, Smooth
 from .translation import acceleration
+from .vehicle_loads import BUOYANCY_SPREAD, carried_by, pulled_by
 
 _FLOW = 0.05  # of a current, for differences [m/s]
 _SPREAD = 0.3  # prior spread of positive parameters
@@ -41,8 +45,15 @@ class VehicleRows(Rows):
             not used, as drag by sway and turning moves it, of which no sheet tells.
     """
 
-    def __init__(self, robot: RobotModel, recordings: Recordings, chosen: Filter):
+    def __init__(
+        self,
+        robot: RobotModel,
+        recordings: Recordings,
+        chosen: Filter,
+        loads: Sequence[Load] = (),
+    ):
         self.robot = robot
+        self.loads = loads
         self.system = robot.system
         chosen = chosen._replace(quiet=0.0)  # of joints, whose dry friction changes fast
         super().__init__(recordings, chosen, lambda *each: smooth_pose(robot.system, *each))
@@ -67,6 +78,17 @@ class VehicleRows(Rows):
         self.coasts = offered(self.system, "manoeuvring") and not self._driven_ahead()
         if self.coasts:
             self.usable[:, 0] = False
+        self._carried = [(load, self._columns_of(load)) for load in carried_by(robot, loads)]
+
+    def like(self, recordings: Recordings, chosen: Filter) -> VehicleRows:
+        """Rows of other recordings or through another filter."""
+        return VehicleRows(self.robot, recordings, chosen, self.loads)
+
+    def _columns_of(self, carried: CarriedLoads) -> Array:
+        """(N, n, c) forces of a load per unit of its parameters, in the logs that carry it."""
+        own = self.regressor(pulled_by(self.system, carried), lambda W: W)
+        logs = np.array([s.source in carried.sources for s in self.recordings.segments])
+        return own * logs[self.segment, None, None]
 
     def _driven_ahead(self) -> bool:
         """Whether a command that changes drives surge."""
@@ -166,15 +188,22 @@ class VehicleRows(Rows):
         acting = self._acting(timing.curve)
         rows[:, :, at] = self.regressor(acting, lambda W: W[:, :, at], self._held(timing))
         more = [self._extra(name, rows) for name in sorted(columns)]
-        space = ParameterSpace((*system.space.blocks, *more))
+        carried = [load.block for load, _ in self._carried]
+        space = ParameterSpace((*system.space.blocks, *more, *carried))
+        rows = np.concatenate([rows, *(own for _, own in self._carried)], axis=2)
         none = np.zeros(len(space), dtype=bool)
         steady = np.append(self.steady, none[len(self.steady) :])
         prior = np.append(self._prior, np.zeros(len(space) - len(self._prior)))
         spread = np.where(space.geometries == "positive", _SPREAD, space.scale)
+        stated = none.copy()
+        for block in carried:
+            prior[space[block.name]] = block.scale
+            spread[space[block.name]] = BUOYANCY_SPREAD
+            stated[space[block.name]] = True
         weights = _size(space, rows[self.usable], prior)
         weighed = self.robot.weighed and bool(self.usable[:, :3].any())  # no mass acts in a turn
         deviation = scale_deviation(self.robot) if weighed else FILE
-        size = Size(weights[None], np.zeros(len(space), dtype=np.intp), deviation, none)
+        size = Size(weights[None], np.zeros(len(space), dtype=np.intp), deviation, stated)
         # relative to its own drag, noise of a velocity without an actuator would pass for drag
         inertia = np.tile(weights, (rows.shape[1], 1))
         of_rows = (self.usable, self.t, self.segment)

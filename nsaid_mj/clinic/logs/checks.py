@@ -97,7 +97,7 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
         return _first_clocks(found)
     wrong = ("beyond_limits", "degrees", "motor_side")
     if not Finding.refused(f for f in found if f.code in wrong):
-        found += command_causes(motion, robot, timed=bool(measured))
+        found += command_causes(motion, robot, bool(measured), recordings.timed)
     if not robot.weightless and not Finding.refused(found):
         found += _large_commands(motion, recordings, robot)
     return _first_clocks(found)

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...base import Finding, Level
 from ...core import Array, Log, continuous_signs, number
+from ...robots import RobotModel
 from . import signals
 from .clocks import regular
 from .layout import ChannelSource, Layout
@@ -292,13 +293,13 @@ def cut_rest(log: Cleaned, grid: Array, kept: slice) -> list[Finding]:
 
 
 def limits_stated(
-    file: str, segments: Sequence[LogSegment], limits: Array, joints: Sequence[str]
+    file: str, segments: Sequence[LogSegment], limits: Array, robot: RobotModel
 ) -> Finding:
     """Reports the speeds below which rows are not used, and the share of rows above."""
     usable = np.concatenate([segment.usable for segment in segments]).mean(axis=0)
     each = ", ".join(
-        f"{joint} {number(limit, significant=2)} ({100 * share:.0f} %)"
-        for joint, limit, share in zip(joints, limits, usable, strict=True)
+        f"{robot.joints[j]} {number(limits[j], significant=2)} ({100 * usable[j]:.0f} %)"
+        for j in robot.independent
     )
     text = "rows below these speeds [rad/s or m/s] are not used "
     text += f"(in brackets: share of rows used): {each}"

@@ -40,15 +40,20 @@ _TURNED = 0.2  # such a product below which a turned axis or base is certain
 _OUTSIDE = 2.0  # factor of the error of a joint that leaves the model's limits
 _USUAL = (0.1, 0.2, 0.25, 0.4, 0.5, 1.0, 2.0, 2.5, 4.0, 5.0, 10.0)  # those that are likely
 _NEAR = 0.03  # relative difference from a likely one at which it is taken
+UNCHECKED = "clock_unchecked"
+"""Code of the finding of a clock that nothing in a log checks, with the range of its factor."""
+
 _NEVER = 20.0  # such a handicap that excludes the other sign
 _OTHER_BASES = np.array([[0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, -1.0]])
 
 
-def command_causes(motion: LogMotion, robot: RobotModel, timed: bool) -> list[Finding]:
+def command_causes(
+    motion: LogMotion, robot: RobotModel, timed: bool, stated: bool = False
+) -> list[Finding]:
     """Commands in another order, axes or commands of the wrong sign, a base in another pose.
 
     All joints are judged at once; each cause is one finding. `timed` is whether measured velocities
-    agree with the clock; without any it may be wrong, too.
+    agree with the clock; without any it may be wrong, too. `stated` is whether the map states it.
     """
     if not driven_joints(robot, motion):
         return []
@@ -62,7 +67,7 @@ def command_causes(motion: LogMotion, robot: RobotModel, timed: bool) -> list[Fi
         clock = retimed(BentLinks(robot, motion))
         if clock.told and not _explained(clock, mended, robot, turned):
             return [*found, _wrong_clock(clock)]
-        found += [_UNTIMED] if clock.loose else []
+        found += [_unchecked(clock)] if clock.loose and not stated else []
     found += turned
     motion = mended
     if not turned:
@@ -177,15 +182,18 @@ def _turned(motion: LogMotion, robot: RobotModel) -> tuple[list[Finding], LogMot
     return [finding], own
 
 
-_UNTIMED = Finding(
-    "warning",
-    "clock_unchecked",
-    "",
-    "nothing in the log checks its clock: it has no velocities, and the motion is so slow that "
-    "inertia hardly acts; frictions, inertias and gains of joints without weight are as right as "
-    "its times are",
-    "Check the log's rate, or record faster motion.",
-)
+def _unchecked(clock: Retimed) -> Finding:
+    """The finding of a clock that may be another one, by which factors."""
+    low, high = clock.alike
+    text = "nothing in the log checks its clock: it has no velocities, and inertia acts so little "
+    text += f"that times multiplied by any number from {low:g} to {high:g} explain the commands as "
+    text += "well; intervals of inertias, of friction and of gains without weight allow for that"
+    remedy = (
+        "Check the log's rate: if it is right, set `[time]` `scale = 1` in map.toml. Or record "
+    )
+    remedy += "faster motion, or velocities."
+    data = {"low": low, "high": high}
+    return Finding("warning", UNCHECKED, "", text, remedy, data)
 
 
 def _explained(

@@ -293,7 +293,9 @@ class Time:
     column: Name | None = None  # name of the column; None to find it
     unit: TimeUnit | None = None  # None to detect it
     rate: Positive | None = None  # rows per second of files without a time [Hz]
-    scale: Positive = 1.0  # multiplies the times, of a clock that runs too fast or too slowly
+    # multiplies the times, of a clock that runs too fast or too slowly; 1 of one known to be right,
+    # None if nobody says so
+    scale: Positive | None = None
 
 
 @config

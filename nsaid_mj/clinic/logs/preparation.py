@@ -131,6 +131,7 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
         made.on_leaders(made.pd.feedback) if made.pd else None,
         made.imu.stated if made.imu else None,
         replace(mapping.contacts, force=made.imu.feet if made.imu else ()),
+        timed=mapping.time.scale is not None,
     )
 
 
@@ -289,7 +290,7 @@ def _segments(
             felt = _felt(log, moved.t)
             segments.append(LogSegment(moved, usable[kept], source, rows, imu, felt))
     if segments and drop_rest:
-        findings.append(limits_stated(source, segments, limits, robot.joints))
+        findings.append(limits_stated(source, segments, limits, robot))
     return segments, seen
 
 

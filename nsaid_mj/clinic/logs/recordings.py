@@ -50,6 +50,7 @@ class Recordings:
     imu: Imu | None = None  # how the IMU of a walking robot was read; None on a fixed base
     contacts: ContactMap = field(default_factory=ContactMap)  # feet of such a robot
     filled: int = 1  # rows per measured one: more where splines lie between these
+    timed: bool = False  # whether the map states the clock: by its scale, 1 of one that is right
 
     @property
     def turns_only(self) -> bool:

@@ -23,7 +23,7 @@ _NOISE = 0.2  # of a command in a row, over its deviation, against which links a
 _CLOCKS = np.array([0.1, 0.2, 0.33, 0.5, 0.6, 0.72, 0.85, 1.0, 1.2, 1.4, 1.7, 2.0, 3.0, 5.0, 10.0])
 _WRONG = 1.25  # factor of a clock from which inertias of a file do not explain it
 _FALLS = 0.8  # ratio of errors above which a clock is not told
-_ALIKE = 1.05  # such a ratio below which two clocks fit alike
+_ALIKE = 1.05  # such a ratio to the log's own clock up to which another one fits as well
 _FITS = 0.15  # error on another clock from which that does not explain the commands either
 _FLAT = 1.2  # ratio of errors on neighbouring clocks below which the best one is not determined
 _BESIDE = 1.5  # factor between such clocks
@@ -36,7 +36,7 @@ class Retimed(NamedTuple):
     scale: float
     error: float  # of the commands on that clock, geometric mean of the joints
     plain: float  # on the log's own
-    twice: float  # on a clock that is twice as fast or slow, whichever fits better
+    alike: tuple[float, float]  # least and largest factor of clocks on which they fit as well
     beside: float  # on a clock beside the best one, whichever fits better
     joints: int  # with a motor
 
@@ -50,8 +50,8 @@ class Retimed(NamedTuple):
 
     @property
     def loose(self) -> bool:
-        """Whether a clock that is twice as fast or slow fits as well: inertia hardly acts."""
-        return self.twice < _ALIKE * self.plain
+        """Whether clocks that are far from the log's own fit as well: inertia hardly acts."""
+        return self.alike[0] * _WRONG < 1 or self.alike[1] > _WRONG
 
 
 class BentLinks:
@@ -82,9 +82,13 @@ class BentLinks:
             ]
             for q, each in ((q, ((still, still), (v, a))) for q, v, a in own)
         ]
-        weight, whole = np.swapaxes(np.array(pairs), 0, 1)
-        self._weight = weight  # (N, n, 10 b)
-        self._inertia = whole - weight
+        weight, whole = np.swapaxes(np.array(pairs), 0, 1)  # (N, n, 10 b)
+        self._forces = {
+            j: _Forces.of(weight[use, j], (whole - weight)[use, j], own[use])
+            for j, use, own in (
+                (j, few.usable[:, j], np.column_stack(columns_of(few, j))) for j in self.joints
+            )
+        }
 
     def error(self, scale: float = 1.0) -> float:
         """The geometric mean of the joints' errors, with all times multiplied by a number."""
@@ -93,21 +97,22 @@ class BentLinks:
 
     def _of_joint(self, j: int, scale: float) -> float:
         """The least error of a joint's command, of either sign and any delay."""
-        use = self._few.usable[:, j]
-        W = self._weight[use, j] + self._inertia[use, j] / scale**2
-        columns = np.column_stack([W @ self._links, *(x[use] for x in columns_of(self._few, j))])
-        columns = columns - columns.mean(axis=0)
+        basis, weight, inertia, own = self._forces[j]
+        W = weight + inertia / scale**2
+        columns = np.column_stack([W @ self._links, own])
         size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        bends = (W - W.mean(axis=0)) * self._spread / size[0]
-        directions, strength, _ = np.linalg.svd(bends, full_matrices=False)
+        columns = columns / size
+        directions, strength, _ = np.linalg.svd(W * self._spread / size[0], full_matrices=False)
         slower = replace(self._motion, rate=self._motion.rate / scale)
         best = 1.0
         for delay in DELAYS:
-            y = late(slower, j, delay, self._rows[use])
+            y = late(slower, j, delay, self._rows[self._few.usable[:, j]])
             y = y - y.mean()
             y = y / max(float(np.linalg.norm(y)), 1e-300)
-            for u in (y, -y):
-                force = scipy.optimize.nnls(columns / size, u)[0][0]
+            explicable = basis.T @ y
+            beyond = max(1 - float(explicable @ explicable), 0.0)
+            for u in (explicable, -explicable):
+                force = scipy.optimize.nnls(columns, u)[0][0]
                 bent = force * strength * np.sqrt(len(y)) / _NOISE
                 shrink = 1 / np.sqrt(1 + bent**2) - 1
 
@@ -115,8 +120,35 @@ class BentLinks:
                     along = directions.T @ x
                     return np.asarray(x + directions @ (shrink * along.T).T)
 
-                best = min(best, scipy.optimize.nnls(unbent(columns / size), unbent(u))[1])
-        return float(best)
+                error = scipy.optimize.nnls(unbent(columns), unbent(u))[1]
+                best = min(best, float(np.hypot(error, np.sqrt(beyond))))
+        return best
+
+
+class _Forces(NamedTuple):
+    """A joint's forces in rows without their means, in a basis of all that they may be.
+
+    Attributes:
+        basis: (N, r) orthonormal columns.
+        weight: (r, 10 b) of a unit of each parameter of the links.
+        inertia: (r, 10 b).
+        own: (r, 3) of rotor and friction.
+    """
+
+    basis: Array
+    weight: Array
+    inertia: Array
+    own: Array
+
+    @staticmethod
+    def of(weight: Array, inertia: Array, own: Array) -> _Forces:
+        """Of regressors (N, 10 b), and columns (N, 3) of rotor and friction."""
+        parts = [weight, inertia, own]
+        rows = np.column_stack(parts)
+        rows = rows - rows.mean(axis=0)
+        basis = np.linalg.qr(rows[:, np.any(rows != 0, axis=0)])[0]
+        ends = np.cumsum([part.shape[1] for part in parts])[:-1]
+        return _Forces(basis, *np.split(basis.T @ rows, ends, axis=1))
 
 
 def retimed(links: BentLinks) -> Retimed:
@@ -128,11 +160,12 @@ def retimed(links: BentLinks) -> Retimed:
     found = scipy.optimize.minimize_scalar(
         lambda x: links.error(float(np.exp(x))), bounds=around, options={"maxiter": 12}
     )
-    of = dict(zip(_CLOCKS.tolist(), errors, strict=True))
-    twice = min(of[0.5], of[2.0])
+    plain = errors[_CLOCKS.tolist().index(1.0)]
+    alike = _CLOCKS[np.array(errors) <= _ALIKE * plain]
+    ends = float(alike.min()), float(alike.max())
     scale = float(np.exp(found.x))
     beside = min(links.error(scale * _BESIDE), links.error(scale / _BESIDE))
-    return Retimed(scale, float(found.fun), of[1.0], twice, beside, len(links.joints))
+    return Retimed(scale, float(found.fun), plain, ends, beside, len(links.joints))
 
 
 def _sizes(link: Sequence[float]) -> Array:

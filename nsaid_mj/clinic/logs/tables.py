@@ -71,7 +71,7 @@ def read(path: str | os.PathLike[str], time: Time = _FOUND) -> LogTable:
     for columns in formats.read(file):
         findings += _unread(file, columns)
         clock, rest = _timed(file, columns, time, findings)
-        clock = clock.scaled(time.scale)
+        clock = clock.scaled(time.scale or 1.0)
         groups.append((clock, _numbers(file, rest, findings)))
         dropped += columns.dropped
         for name, column in rest.items():

@@ -20,10 +20,9 @@ from scipy import signal
 
 from ...base import NoEstimate, pin
 from ...core import Array, JointTree
-from ...robots import tree_spec
+from ...robots import quiet, tree_spec
 from .world.callbacks import ARRAYS, WORDS, field_offsets, installed
 from .world.coordinates import JointMap
-from .world.quiet import quiet
 
 if TYPE_CHECKING:
     from ...core import Log, SecondOrderSystem, SensorLevels

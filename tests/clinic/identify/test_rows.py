@@ -6,19 +6,22 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.clinic.identify.choose.columns import COLUMNS, FALLS, SPEEDS, Choice
 from nsaid_mj.clinic.identify.choose.cutoff import filter_for
 from nsaid_mj.clinic.identify.choose.timing import Timing
 from nsaid_mj.clinic.identify.identify import files_of, identify_forces, recordings_of
 from nsaid_mj.clinic.identify.joints import JointRows
 from nsaid_mj.clinic.identify.links import file_links
+from nsaid_mj.clinic.identify.loads import Load
 from nsaid_mj.clinic.identify.measured import FittedColumn, log_robot
 from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.clinic.identify.rows import with_columns
 from nsaid_mj.clinic.identify.smoothing import delayed, refined, smooth_commands
+from nsaid_mj.clinic.identify.vehicle_loads import check_place
 from nsaid_mj.clinic.identify.vehicles import VehicleRows, smooth_pose
 from nsaid_mj.clinic.logs.recordings import LogSegment, Recordings
-from nsaid_mj.core import JointTree
+from nsaid_mj.core import GRAVITY, JointTree, PointMasses
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.parameters import ParameterSpace
 from nsaid_mj.lab.library import load
@@ -167,6 +170,17 @@ def test_only_dry_friction_turns_before_the_velocity():
     np.testing.assert_array_equal(early.diagonal["viscous"], rows.diagonal["viscous"])
 
 
+def test_another_clock_changes_inertia_and_friction_but_no_weight():
+    robot = random_tree(1)
+    recordings = invented(robot)
+    rows = JointRows(robot, recordings, filter_for(recordings), np.ones(len(robot.joints)), 1.0)
+    endless = rows.retimed(1e6).links
+    slow = rows.retimed(2.0)
+    np.testing.assert_allclose(slow.links - endless, (rows.links - endless) / 4, atol=1e-9)
+    np.testing.assert_allclose(slow.diagonal["viscous"], rows.diagonal["viscous"] / 2)
+    np.testing.assert_allclose(slow.diagonal["rotor"], rows.diagonal["rotor"] / 4)
+
+
 def test_a_law_follows_the_system_whose_rows_were_fitted():
     """Positions of continuous joints are (cos, sin) to a law, and angles in the rows."""
     found = identify_forces("tx40", columns=["load", "stribeck", "offset"], delay=0.0)
@@ -180,6 +194,35 @@ def test_a_law_follows_the_system_whose_rows_were_fitted():
     ]
     W = rows.regressor(system, lambda W: W, u)
     assert_same_columns(W, problem.Y)
+
+
+@pytest.mark.parametrize("name", ["hummingbird", "bluerov2"])
+def test_a_load_of_a_vehicle_has_the_columns_of_a_point_mass_where_it_is_carried(name):
+    robot = load_robot_model(name)
+    logs = []
+    for seed in (1, 2):
+        setup = Setup.of(replace(load(name), duration=2.0, sensors="ideal", seed=seed))
+        with setup.plant.running():
+            log = setup.simulate()
+        logs.append(LogSegment(log, np.ones(log.v.shape, bool), f"{seed}.csv", (0, len(log.t))))
+    recordings = Recordings(tuple(logs), 1 / log.step, ("",) * log.u.shape[1])
+    place = (0.1, 0.05, -0.2)
+    loads = (Load("2.csv", 0.5, "body", place),)
+    rows = VehicleRows(robot, recordings, filter_for(recordings), loads)
+    problem = rows.problem(frozenset(), Timing())
+    at = problem.space["payload"]
+    masses = PointMasses(robot.system.space)
+    mass = masses.change(1.0, np.array(place))
+    own = problem.Y[:, :, : len(mass)]
+    carrying = (rows.segment == 1)[:, None]
+    np.testing.assert_allclose(problem.Y[:, :, at.start], own @ mass * carrying, atol=1e-9)
+    if masses.submerged:  # the weight of the same mass, upwards
+        pull = np.zeros(len(mass))
+        for block in ("net weight", "righting moment"):
+            pull[robot.system.space[block]] = -mass[robot.system.space[block]] / GRAVITY
+        np.testing.assert_allclose(problem.Y[:, :, at.stop - 1], own @ pull * carrying, atol=1e-9)
+    with pytest.raises(InvalidInput, match="body:X,Y,Z"):
+        check_place([Load("2.csv", 0.5)])
 
 
 @pytest.mark.parametrize("name", ["hummingbird", "catamaran", "uvms", "scalar_rov"])

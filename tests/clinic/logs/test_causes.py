@@ -62,7 +62,7 @@ def _times(table: Table, factor: float, *names: str) -> Table:
 
 def _findings(mapping: Map | None, *tables: Table, level: str = "refusal") -> list[Finding]:
     robot = two_joints(NAMES)
-    scale = (mapping or Map()).time.scale
+    scale = (mapping or Map()).time.scale or 1.0
     logs = []
     for number, table in enumerate(tables, 1):
         t = scale * table["t"]
@@ -160,7 +160,11 @@ def test_links_that_are_off_are_no_wrong_clock_and_hide_none(scale):
 def test_on_slow_motion_nothing_checks_the_clock_and_it_is_said():
     table = {n: x for n, x in _healthy(0, pace=0.05).items() if not n.startswith("dq")}
     assert _findings(None, table) == []
-    assert "clock_unchecked" in [f.code for f in _findings(None, table, level="warning")]
+    (said,) = (f for f in _findings(None, table, level="warning") if f.code == "clock_unchecked")
+    assert said.data["low"] < 0.7
+    assert said.data["high"] > 2.0
+    right = map_of({"time": {"scale": 1}})  # the user knows it
+    assert "clock_unchecked" not in [f.code for f in _findings(right, table, level="warning")]
 
 
 def test_a_joint_that_settles_between_the_rows_of_its_target_has_no_other_unit():
@@ -186,11 +190,11 @@ def test_milliseconds_without_velocities_are_a_clock_at_which_no_robot_is_record
     assert _findings(_mended([finding]), table) == []
 
 
-@pytest.mark.parametrize("ratio", [9, 50])
-def test_angles_before_gears_are_told_by_the_weight(ratio):
-    """57.3 stays degrees, see `CHANGES`."""
+@pytest.mark.parametrize(("ratio", "masses"), [(9, (1, 1, 1)), (50, (1.25, 0.75, 1.2))])
+def test_angles_before_gears_are_told_by_the_weight(ratio, masses):
+    """57.3 stays degrees, see `CHANGES`; masses that are off do not make them of a gear of 50."""
     names = [f"{v}{k}" for v in ("q", "dq") for k in (1, 2, 3)]
-    (finding,) = _findings(None, _times(_healthy(0), ratio, *names))
+    (finding,) = _findings(None, _times(_healthy(2, masses=masses), ratio, *names))
     assert finding.code == "motor_side"
     assert finding.data["ratio"] == pytest.approx(ratio, rel=0.03)
 

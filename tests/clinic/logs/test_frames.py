@@ -29,7 +29,7 @@ def _findings(text: str, *tables: dict[str, np.ndarray]) -> list[Finding]:
     mapping = map_of(tomllib.loads(text))
     logs = []
     for k, table in enumerate(tables, 1):
-        t = mapping.time.scale * table["t"]
+        t = (mapping.time.scale or 1.0) * table["t"]
         channels = {n: Channel(t, x) for n, x in table.items() if n != "t"}
         logs.append(LogTable(f"log_{k}.csv", channels, 0))
     found = checks(prepare(logs, mapping, ROBOT), ROBOT)

@@ -161,6 +161,7 @@ def test_a_variance_that_is_small_by_accident_is_widened_and_none_is_narrowed():
         assert np.linalg.eigvalsh(found[0].covariance)[0] > 0
 
 
+@pytest.mark.usefixtures("no_profile_search")
 def test_a_slow_motion_tells_the_lag_and_no_armature(tmp_path):
     path = write(tmp_path / "slow.csv", *log(5, 24.0, speed=0.3))
     given = servo_logs(MODEL, [path])

@@ -94,7 +94,8 @@ def structured_vehicle(
     measured = recordings
     whole = _completed(robot, measured)
     recordings = whole.recordings if whole is not None else measured
-    rows = VehicleRows(robot, recordings, filter_for(recordings, options.cutoff))
+    chosen = filter_for(recordings, options.cutoff)
+    rows = VehicleRows(robot, recordings, chosen, options.loads)
     columns = (options.columns or frozenset()) & frozenset(EXTRA)
     trials = [rows] if options.cutoff is not None else _narrower(rows)
     rows = trials[len(trials) // 2]
@@ -107,7 +108,7 @@ def structured_vehicle(
         whole = completed(
             robot.system, theta, measured, lambda u: rows.acting_on_sheet(u, measured.rate, timing)
         )
-        rows = VehicleRows(robot, whole.recordings, rows.chosen)
+        rows = rows.like(whole.recordings, rows.chosen)
     findings = list(timed.findings)
     findings += stated(robot, whole) if whole is not None else []
     if rows.coasts:
@@ -163,7 +164,7 @@ def _checked(rows: VehicleRows, validation: Recordings) -> VehicleRows:
     """The rows of a validation log, of the equations that are fitted."""
     whole = _completed(rows.robot, validation)
     recordings = whole.recordings if whole is not None else validation
-    found = VehicleRows(rows.robot, recordings, filter_for(validation, rows.chosen.cutoff))
+    found = rows.like(recordings, filter_for(validation, rows.chosen.cutoff))
     found.usable &= rows.usable.any(axis=0)
     return found
 
@@ -298,7 +299,7 @@ def _curved(
 def _with_cutoff(rows: VehicleRows, share: float) -> VehicleRows:
     """The rows of the filter whose cut-off is `share` of that of others."""
     narrower = filter_for(rows.recordings, share * rows.chosen.cutoff)
-    return VehicleRows(rows.robot, rows.recordings, narrower)
+    return rows.like(rows.recordings, narrower)
 
 
 def _narrower(rows: VehicleRows) -> list[VehicleRows]:
@@ -359,7 +360,7 @@ def _rivals(
     own = rows.problem(columns, timing)
     if whole is not None:
         for otherwise in whole.otherwise(own.nrmse(minimise(own).theta)):
-            yield VehicleRows(rows.robot, otherwise, rows.chosen).problem(columns, timing)
+            yield rows.like(otherwise, rows.chosen).problem(columns, timing)
     if "manoeuvring" in columns:
         kinds = own.space.geometries
         matrix = (kinds != "positive") & (kinds != "free")

@@ -27,6 +27,7 @@ from ....core import (
     Elimination,
     ParameterSpace,
     Rotor,
+    zero_phase,
 )
 from ....robots import RobotModel
 from ...logs.imu import GRAVITY
@@ -36,7 +37,7 @@ from ..joints import FILE, TRUSTED
 from ..links import file_links, link_blocks
 from ..problem import FitProblem, Mask, Size
 from ..rows import Rows, unrolled, with_columns
-from ..smoothing import Filter, Smooth, delayed, slope, smooth_commands
+from ..smoothing import Filter, Smooth, delayed, noise_levels, slope, smooth_commands
 
 BASE = 6
 """Velocities of the base, before those of the joints."""
@@ -50,6 +51,7 @@ CONTROLLED = "controller's damping"
 """What viscous friction contains of motors under a PD law: no motion tells the two apart."""
 _STAY = 10.0  # weight of J a = 0 beside E M a [kg]
 _RIDGE = 1e-12  # of the trace, for legs without a row of their own
+_TURNING = 30.0  # of the velocities by which dry friction turns [Hz]
 _WEIGHED = 0.002  # standard deviation of the logarithm of a weighed robot's mass
 
 
@@ -73,7 +75,7 @@ class GroundRows(Rows):
     """All columns of a walking robot's segments, without contact forces, filtered once.
 
     Attributes:
-        speed: index of s of tanh((v + lead · v̇)/s) of Coulomb friction in `SPEEDS`.
+        speed: index of s of tanh(v(t + lead)/s) of Coulomb friction in `SPEEDS`.
         lead: by which dry friction turns before the velocity does [s].
         gain: (k,) expected gains.
         spread: (k,) standard deviations of their logarithms.
@@ -104,6 +106,7 @@ class GroundRows(Rows):
         self.driven = recordings.driven(robot)
         law = recordings.feedback
         self._commands = [(s, smooth_commands(s, chosen, law)) for s in self.segments]
+        self._turned = [turning(s, chosen) for s in self.segments]
         self.eliminated = [self._eliminated(k, motion) for k, motion in enumerate(self.motions)]
         self.usable &= self._sure()
         self.usable[:, self.usable.sum(axis=0) < _FEW] = False
@@ -332,7 +335,7 @@ class GroundRows(Rows):
     ) -> FitProblem:
         """The fit with commands that act late by (k,) seconds; `lag` is that of `acting`.
 
-        Coulomb friction is proportional to tanh((v + `lead` · v̇)/s), with s of index `speed` in
+        Coulomb friction is proportional to tanh(v(t + `lead`)/s), with s of index `speed` in
         `SPEEDS`; None for those of the rows.
         """
         space = self.space
@@ -349,8 +352,10 @@ class GroundRows(Rows):
             u = self.acting(number, delay, lag)[:, self.driven]
             own = each.E[:, :, [BASE + j for j in self.driven]]
             acting.append(self.chosen.rows(-own * u[:, None, :]))
-            motion = self.motions[number]
-            sign = np.tanh((motion.v + lead * motion.a)[:, BASE:] / s)
+            t = self.segments[number].log.t
+            ahead = self.motions[number].t + lead
+            v = np.column_stack([np.interp(ahead, t, column) for column in self._turned[number].T])
+            sign = np.tanh(v / s)
             rubbing.append(self.chosen.rows(each.E[:, :, BASE:] * sign[:, None, :]))
         Y[:, :, at] = np.concatenate(acting)
         Y[:, :, rubbed] = np.concatenate(rubbing)
@@ -409,6 +414,25 @@ def _travelled(segment: LogSegment, chosen: Filter) -> Array:
     """
     found = slope(segment.log.t, chosen.low_pass(segment.log.q))[:: chosen.every]
     return np.asarray(found, dtype=np.float64)
+
+
+def turning(segment: LogSegment, chosen: Filter) -> Array:
+    """(N, k) velocities of the joints by which dry friction turns, at the samples of a segment.
+
+    Friction follows the sign of a velocity that is seldom far from 0, so noise flattens it, and
+    what then is missing is taken for rotor inertia. Measured velocities and slopes of positions,
+    weighted by their noise up to `_TURNING`, are the least noisy ones.
+    """
+    log = segment.log
+    if len(log.t) < 8:
+        return log.v
+    position, velocity = noise_levels(log)
+    band = min(_TURNING, chosen.smoothing)
+    of_slope = (2 * np.pi * band * position) ** 2 / 3  # mean of ω² up to the band's end
+    total = of_slope + velocity**2
+    share = of_slope / total if total > 0 else 0.5
+    v = share * log.v + (1 - share) * slope(log.t, log.q)
+    return zero_phase(v, band, chosen.rate)
 
 
 def total_mass(robot: RobotModel, p: int) -> Array:

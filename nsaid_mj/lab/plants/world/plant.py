@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ....base import InvalidInput
 from ....core import Array, Indices, Log, Measurement, SecondOrderSystem, Status
-from ....robots import Looks, VisualMesh
+from ....robots import Looks, VisualMesh, quiet
 from ...control.computed_torque import Tracking
 from ...control.driver import CompiledDriver, Driver
 from ...target_profile import advance, at_rest
@@ -24,7 +24,6 @@ from .coordinates import Reading
 from .faults.kinds import Fault
 from .faults.schedule import Schedule, Variant
 from .mismatch import Mismatch
-from .quiet import quiet
 from .sensors import EXACT_SENSORS, Sensors
 from .stepping import SimulatedWorld, drive, sound, warnings_of
 

@@ -10,7 +10,7 @@ from nsaid_mj.base import NsaidError
 from nsaid_mj.clinic.identify.export import write_models
 from nsaid_mj.clinic.identify.ground.feet import feet_of, imu_pose
 from nsaid_mj.clinic.identify.ground.offsets import at_rest
-from nsaid_mj.clinic.identify.ground.rows import BASE, Ground, GroundRows
+from nsaid_mj.clinic.identify.ground.rows import BASE, Ground, GroundRows, turning
 from nsaid_mj.clinic.identify.ground.search import expected_gains, filter_of
 from nsaid_mj.clinic.identify.identify import (
     identify,
@@ -24,6 +24,7 @@ from nsaid_mj.clinic.logs.first_map import first_map
 from nsaid_mj.clinic.logs.mapping import ContactMap, Imu, map_of, read_map
 from nsaid_mj.clinic.logs.tables import read_tables
 from nsaid_mj.clinic.logs.unusable import UnusableLog
+from nsaid_mj.core import Log
 from nsaid_mj.robots import BadRobot, load_tree
 
 from .walking import GAINS, Walked, model_text, rows_of, walked
@@ -37,6 +38,20 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Walked:
 @pytest.fixture(scope="module")
 def rows(log: Walked) -> GroundRows:
     return rows_of(log)
+
+
+@pytest.mark.parametrize(("grain", "noise"), [(1e-5, 0.05), (5e-3, 0.002)])
+def test_dry_friction_turns_by_the_sensor_with_less_noise(
+    rows: GroundRows, grain: float, noise: float
+) -> None:
+    rng = np.random.default_rng(0)
+    t = np.arange(2000) / rows.chosen.rate
+    q = 0.3 * np.sin(4 * t)[:, None]
+    v = 1.2 * np.cos(4 * t)[:, None]
+    log = Log(t, grain * np.round(q / grain), v + noise * rng.standard_normal(v.shape), 0 * v)
+    segment = rows.segments[0]._replace(log=log)
+    error = turning(segment, rows.chosen) - v
+    assert error[50:-50].std() < 0.01
 
 
 def test_the_free_joint_is_kept_on_request(log: Walked) -> None:
