@@ -163,6 +163,7 @@ def test_the_newcomers_path_leads_to_a_calibrated_robot(
         found = execute(code)["found"]
         gains = np.array([gain.value for gain in found.of("motor gain")])
         assert gains == pytest.approx(true_gains * 0.72 / true_gains[0], rel=0.03)
+        assert mujoco.MjModel.from_xml_path("from_python/my_arm.xml").nu == len(gains)
 
 
 def test_every_python_block_of_the_readme_is_run_here() -> None:

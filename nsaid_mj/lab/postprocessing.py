@@ -1,9 +1,7 @@
 """Post-processing of a run: writes summary, scenario, recording and report into its folder."""
 
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
-from threading import Thread
 from typing import NamedTuple
 
 import numpy as np
@@ -80,8 +78,6 @@ def _finish(
     run: Run, say: Callable[[str], None], command: str, earlier: RunResult | None
 ) -> RunResult:
     say("evaluating the estimate")
-    # half a second of matplotlib, which the page needs last
-    Thread(target=import_module, args=["..report.drawings", __package__], daemon=True).start()
     truth = Truth.of(run)
     stated_before = None if earlier is None else earlier.confidence
     result = evaluate(run, truth, stated_before)

@@ -28,6 +28,7 @@ Array = np.ndarray
 
 _CONTROL = 1e-3  # period of the PD controllers [s]
 _STEP = 5e-4  # MuJoCo's time step [s]
+_PULLING = 9.0  # period with which something pulls at a leg [s]
 
 
 @dataclass(frozen=True)
@@ -123,6 +124,7 @@ class WalkingLog:
         late: time from a command in the log to the motors [s].
         zeros: largest error of each joint's zero [rad].
         on_stand: whether the base is held, level.
+        pulled: sideways force on the first leg's last link, during a third of the log [N].
     """
 
     robot: str = "go2"
@@ -145,6 +147,7 @@ class WalkingLog:
     late: float = 0.0
     zeros: float = 0.0
     on_stand: bool = False
+    pulled: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -430,6 +433,7 @@ def _simulated(
     torques = [np.zeros(len(joints))] * lag
     substeps = round(_CONTROL / _STEP)
     feet = [model.geom(name).id for name in legged.feet]
+    held = model.geom(legged.feet[0]).bodyid[0]
     rows = np.empty((count, 1 + 3 * len(joints) + 10))
     forces = np.zeros((count, len(feet), 6))
     base = np.empty((count, 7))
@@ -452,6 +456,7 @@ def _simulated(
             rows[row, 1:] = np.r_[data.qpos[at], data.qvel[moving], u, data.sensordata]
             base[row] = data.qpos[:7]
             forces[row] = _contact_forces(model, data, feet)
+        data.xfrc_applied[held, 1] = what.pulled * (ticks[k] % _PULLING > _PULLING * 2 / 3)
         mujoco.mj_step(model, data, substeps)
     return _measured(rows, what, truth, len(joints), rng), forces, base
 

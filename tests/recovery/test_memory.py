@@ -129,7 +129,7 @@ def longest(above: np.ndarray) -> int:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("sensors", ["ideal", "noisy"])
+@pytest.mark.parametrize("sensors", [pytest.param("ideal", marks=pytest.mark.slow), "noisy"])
 @pytest.mark.parametrize("name", GENTLE)
 def test_a_change_of_excitation_forgets_nothing_and_harms_nothing(name, sensors, seed):
     found, _ = distances(replace(load(name), sensors=sensors, seed=seed))

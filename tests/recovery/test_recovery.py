@@ -49,6 +49,7 @@ LONG |= {
     "quadruped_stand",
 }  # tests/lab/plants/test_walking.py walks for less time
 LONG |= {"wrist_first", "remus100"}  # as one_axis_at_a_time; the other is in test_memory.py
+LONG |= {"astrobee", "catamaran", "arm"}  # thrusters are those of bluerov2, the arm is a ur5
 
 
 @pytest.fixture(

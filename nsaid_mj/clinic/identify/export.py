@@ -185,13 +185,23 @@ def _stepped(result: Identification, values: Identified) -> Finding:
     text = (
         "one-step errors of MuJoCo's inverse dynamics of the exported model along the log, without "
         f"the feet's forces, over what the commands do: {', '.join(figures)}; in brackets with the "
-        "original model file. It is not simulated further, since a foot that touches down a moment "
-        "earlier or later makes another motion of it, however good the model is"
+        "original model file. "
+    )
+    if np.isfinite(own.replay):
+        text += (
+            "Simulated for 0.2 s by the commands along the base's measured motion, joints of legs "
+            f"that swing are off by {_figure(own.replay)} ({_figure(nominal.replay)}) rad, rms. "
+        )
+    text += (
+        "The whole robot is not simulated, since a foot that touches down a moment earlier or "
+        "later makes another motion of it, however good the model is"
     )
     data = {
         "exported": [own.stance, own.swing if np.isfinite(own.swing) else own.stance],
         "nominal": [nominal.stance, nominal.swing if np.isfinite(own.swing) else nominal.stance],
     }
+    if np.isfinite(own.replay):
+        data["simulated"] = [own.replay, nominal.replay]
     return Finding("note", "replay", "", text, data=data)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -241,6 +242,18 @@ class Identification(Result):
     cutoff: float
     seconds: float
     fitted: BatchFit
+
+    def write_models(self, folder: str | Path) -> list[Path]:
+        """Writes the calibrated model, in all formats that can represent it; returns the files.
+
+        Raises:
+            NotWritten: a file of the user's is in the way, or the folder cannot be written.
+        """
+        from .export import write_models
+
+        made = Path(folder)
+        made.mkdir(parents=True, exist_ok=True)
+        return write_models(self, made)[0]
 
     def summary(self) -> dict[str, Any]:
         """Everything but arrays, for JSON; numbers may be infinite."""

@@ -126,7 +126,7 @@ class VehicleRows(Rows):
         return self._driven[curve]
 
     def acting_on_sheet(self, u: Array, rate: float, timing: Timing) -> Array:
-        """As `acting`, for a system whose thrusters have the sheet's curve."""
+        """Commands (N, k) at a rate [Hz] with an equal effect under the sheet's thruster curve."""
         found = self.acting(u, rate, timing)
         if timing.curve != ThrusterCurve():
             for column in self.thrusters:

@@ -160,6 +160,12 @@ def _clean_one(
 
 def _disorder(file: str, channel: Channel, order: signals.Order) -> list[Finding]:
     """Findings about a clock: missing, repeated and late times, resets, uneven intervals."""
+    if _coarse(channel, order):
+        step = number(float(np.median(np.diff(order.t))), significant=3)
+        text = f"{len(order.repeated)} of {len(channel.t)} rows repeat the time before with other "
+        text += f"values: the clock has steps of {step} s"
+        remedy = "Export times with all their digits, or no times and `rate` under `[time]`."
+        return [Finding("refusal", "coarse_clock", file, text, remedy)]
     found = []
     undated = np.flatnonzero(~np.isfinite(channel.t))
     for code, rows, text in (
@@ -182,6 +188,17 @@ def _disorder(file: str, channel: Channel, order: signals.Order) -> list[Finding
         data = {"period": period, "low": float(low), "high": float(high)}
         found.append(Finding("note", "jitter", file, text, data=data))
     return found
+
+
+def _coarse(channel: Channel, order: signals.Order) -> bool:
+    """Whether a clock stands still, as one of whole seconds does, while its rows go on.
+
+    A logger that writes each row twice or three times repeats the values, too.
+    """
+    again = np.asarray(order.repeated)
+    if len(order.t) < 2 or len(again) <= 0.5 * len(channel.t):
+        return False
+    return bool(np.mean(channel.values[again] != channel.values[again - 1]) > 0.5)
 
 
 def about_rows(

@@ -241,11 +241,15 @@ def _as_is(part: TwistPart) -> Match:
 
 
 def _match(part: TwistPart, base: str, turn: Array) -> Match:
+    measured = part.measured
     other = part.bases[base]
-    size = [float(np.sqrt(np.mean(x**2))) for x in (part.measured, other)]
-    scale = size[1] / max(size[0], 1e-300)
-    difference = np.mean((part.measured * scale - other @ turn.T) ** 2, axis=0)
-    whole = np.mean((part.measured * scale) ** 2, axis=0) + np.mean((other @ turn.T) ** 2, axis=0)
+    # sums of squares and of products, of each velocity along the axes of the measured ones
+    own = np.diag(measured.T @ measured)
+    theirs = np.diag(turn @ (other.T @ other) @ turn.T)
+    both = np.diag(measured.T @ other @ turn.T)
+    scale = float(np.sqrt(theirs.sum()) / max(np.sqrt(own.sum()), 1e-300))
+    whole = scale**2 * own + theirs
+    difference = np.maximum(whole - 2 * scale * both, 0.0)
     error = 0.5 * difference / np.maximum(whole, 1e-300)
     turned = int(np.sum(np.diag(turn) != 1))
     handicap = _UNUSUAL * turned + _CHANGED * (base != "body") + _CHANGED * (base == "other world")
@@ -514,8 +518,7 @@ class SheetBalance:
                 W = system.regressor(*motion, u)[:, self._measured]
                 # a tyre at rest has no slip
                 W = (np.where(np.isfinite(W), W, 0.0) * self._prior)[:, :, wanted]
-                own = [signals.low_pass(F, cut) for F in np.moveaxis(W, 2, 0)]
-                found.append(np.stack(own, axis=2))
+                found.append(signals.low_pass(W.reshape(len(W), -1), cut).reshape(W.shape))
             return np.concatenate(found)
 
         self._parts = parts

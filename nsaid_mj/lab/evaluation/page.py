@@ -78,11 +78,12 @@ def page(
     forces = [panel for panel in result.curves if isinstance(panel, Comparison)]
     curves = [panel for panel in result.curves if isinstance(panel, Curves) and panel.page]
     origin = result.origin
-    more, figures, gains, *rest = drawn(curves[2:]), *made.sections
+    more = drawn(curves[2:])
+    gains, statistics, *rest = made.sections
     shown = drawn(forests([p for p in result.gains if p.relative is not None]))
     sections = [
-        replace(figures, beside=robot_picture(run.looks, run.record["q"][0], robot)),
         replace(gains, panels=[*([Figures(shown)] if shown else []), *gains.panels]),
+        replace(statistics, beside=robot_picture(run.looks, run.record["q"][0], robot)),
         Section("Time histories", [Figures(more)] if more else []),
         Section(
             "Predicted against measured forces",
@@ -130,8 +131,8 @@ def brief(heading: str, result: RunResult) -> Page:
         result=result,
         lead=_lead(result),
         sections=[
-            Section("Figures", [_statistics(result)], brief=True),
             Section("Actuator gains", [*gains_of(result), *held], brief=True),
+            Section("Statistics", [_statistics(result)], brief=True),
             Section("Confidence", _confidence(result), brief=True),
             Section("What cannot be known from motion", unobservable(result), brief=True),
         ],
@@ -139,7 +140,7 @@ def brief(heading: str, result: RunResult) -> Page:
 
 
 def print_result(name: str, result: RunResult, folder: Path) -> None:
-    """Prints the verdict on a run, the figures behind it, and the paths of its files."""
+    """Prints the verdict on a run, gains and statistics, and the paths of its files."""
     file = folder / RECORDING
     seen = f"{file}   (nsaid view {shlex.quote(str(folder))})"
     files = (
@@ -177,7 +178,7 @@ def _statistics(result: Result) -> Table:
         [one.name, *(statistic(value, one.unit) for value in one.values.values())]
         for one in result.statistics
     ]
-    return Table(["figures", *(result.statistics[0].values if result.statistics else ())], lines)
+    return Table(["statistics", *(result.statistics[0].values if result.statistics else ())], lines)
 
 
 def _confidence(result: RunResult) -> list[PageItem]:

@@ -408,7 +408,10 @@ def test_the_controller_stays_airborne_for_five_minutes(model, seed):
     airborne(model, way, q, u)
 
 
-@models
+@pytest.mark.parametrize(
+    "model",  # both have the same controller
+    ["crazyflie", pytest.param("hummingbird", marks=pytest.mark.slow)],
+)
 @pytest.mark.parametrize("name,value", [("lag", 0.02), ("delay", 0.01), ("flow", (3.0, -2.0, 0.5))])
 def test_the_controller_stays_airborne_under_unmodelled_lag_delay_and_wind(model, name, value):
     way, q, _, u = flight(model, 0, 20.0, **{name: value})

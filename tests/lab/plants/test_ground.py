@@ -280,7 +280,7 @@ def test_a_mismatch_no_car_has_is_refused(config, switch):
 
 
 @pytest.mark.parametrize("name", DRIVES)
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_the_driver_stays_on_its_ground_and_within_the_tyres_speeds(name, seed):
     p = car(name, seed + 3)
     _, q, v, u = driven(name, p, 60 if name == "rover" else 120, seed)

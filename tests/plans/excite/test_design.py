@@ -89,7 +89,7 @@ def keeps_its_limits(experiment: Experiment, found: Design) -> None:
             assert (extents[name][1] <= limit.high + 1e-9).all(), name
 
 
-@pytest.mark.parametrize("share", [0.5, 0.2])
+@pytest.mark.parametrize("share", [pytest.param(0.5, marks=pytest.mark.slow), 0.2])
 def test_a_motion_becomes_smaller_until_it_keeps_a_tight_limit_of_acceleration(experiment, share):
     def gentle(own: Limits) -> Limits:
         limit = own.limits["acceleration"]

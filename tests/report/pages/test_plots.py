@@ -17,11 +17,12 @@ import pytest
 from matplotlib.figure import Figure
 
 from nsaid_mj.report import plots
-from nsaid_mj.report.drawings import draw
+from nsaid_mj.report.drawings import draw, over_time
 from nsaid_mj.report.page import VARIABLES, Page, render_html
 from nsaid_mj.report.panels import COLOURS, POINTS, Comparison, Forest, Panel, Points, thin
-from nsaid_mj.report.plots import number, over_time, page_figure
+from nsaid_mj.report.plots import page_figure
 from nsaid_mj.report.result import Result
+from nsaid_mj.report.svg import number
 from tests.report.pages.drawing import points_of, words_of
 from tests.report.pages.markup import data_of
 
@@ -106,7 +107,8 @@ def test_the_same_data_give_the_same_bytes_in_every_process_whatever_the_users_s
 ):
     (tmp_path / "matplotlibrc").write_text("font.size: 30\naxes.facecolor: red\n")
     code = (
-        "import numpy as np\nfrom nsaid_mj.report.plots import Panel, over_time\n"
+        "import numpy as np\nfrom nsaid_mj.report import Panel\n"
+        "from nsaid_mj.report.drawings import over_time\n"
         "p = Panel('what', 'y [m]')\np.add(np.arange(3.0), np.arange(3.0), 'curve 0')\n"
         "print(over_time(p))"
     )

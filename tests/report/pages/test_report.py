@@ -180,16 +180,18 @@ def test_everything_is_unfolded_on_paper(summary: dict[str, Any], text: str) -> 
     assert all(row["label"] in cells for row in summary["parameters"])
 
 
-def test_the_verdict_comes_first_with_its_figures_and_the_robots_picture(text: str) -> None:
+def test_the_verdict_comes_first_then_gains_then_statistics_and_the_robots_picture(
+    text: str,
+) -> None:
     order = [
         text.index(part)
         for part in (
             'class="banner verdict',
             'class="carrying"',
             "Distance to the true set",
-            "<h2>Figures",
-            "data:image/png;base64,",
             "<h2>Actuator gains",
+            "<h2>Statistics",
+            "data:image/png;base64,",
             "Predicted against measured forces",
             "What cannot be known",
             "<h2>Parameters",

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.base import NsaidError
+from nsaid_mj.clinic.identify.dry_mass import off_file, with_dry_mass
 from nsaid_mj.clinic.identify.export import write_models
 from nsaid_mj.clinic.identify.ground.feet import feet_of, imu_pose
 from nsaid_mj.clinic.identify.ground.offsets import at_rest
@@ -25,6 +26,7 @@ from nsaid_mj.clinic.logs.mapping import ContactMap, Imu, map_of, read_map
 from nsaid_mj.clinic.logs.tables import read_tables
 from nsaid_mj.clinic.logs.unusable import UnusableLog
 from nsaid_mj.core import Log
+from nsaid_mj.lab import INTERVAL
 from nsaid_mj.robots import BadRobot, load_tree
 
 from .walking import GAINS, Walked, model_text, rows_of, walked
@@ -215,7 +217,7 @@ def test_gains_under_unknown_contact_forces(log: Walked) -> None:
     own, nominal = (replayed.data[key] for key in ("exported", "nominal"))
     assert own[0] < 0.2  # type: ignore[index]
     assert nominal[0] > 0.5  # type: ignore[index]
-    assert "not simulated further, since a foot that touches down" in replayed.text
+    assert "not simulated, since a foot that touches down" in replayed.text
 
 
 def test_damping_acts_on_what_the_joints_travelled(rows: GroundRows) -> None:
@@ -270,3 +272,12 @@ def test_targets_of_held_servos_identify_stiffness_and_damping(tmp_path: Path) -
     np.testing.assert_allclose(damping, 4 * GAINS + 0.1, rtol=0.05)
     (said,) = [f for f in found.findings if f.code == "offset_at_step"]
     assert 0.2 < said.data["value"][0] < 0.8
+
+
+def test_a_told_mass_far_from_the_files_is_said(log: Walked) -> None:
+    robot = floating(load_robot_model(str(log.model)))
+    mass = sum(float(inertia.mass) for inertia in list(robot.model.inertias)[1:])
+    assert off_file(robot, 1.1 * mass) == 0
+    assert off_file(robot, 1.5 * mass) == pytest.approx(np.log(1.5) / INTERVAL)
+    (said,) = with_dry_mass(robot, 1.5 * mass).findings[len(robot.findings) :]
+    assert said.code == "told_mass" and "1.5 times" in said.text
