@@ -30,7 +30,7 @@ from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.plants.jointed import Backend
 from nsaid_mj.lab.plants.world.plant import Plant
-from nsaid_mj.lab.setup import Setup, trajectory
+from nsaid_mj.lab.setup import Setup
 from nsaid_mj.plans.studies.montecarlo import follow, grouped, simulate
 from nsaid_mj.plans.studies.study import seed_of
 
@@ -131,7 +131,7 @@ def driven(scenario: Scenario) -> tuple[Plant, Driver, Log]:
     setup = Setup.of(scenario)
     plant, driver = setup.plant, setup.driver()
     with plant.running():
-        return plant, driver, trajectory(plant, driver, scenario.steps)
+        return plant, driver, plant.trajectory(driver, scenario.steps)
 
 
 def plant_alone(scenario: Scenario) -> Block:

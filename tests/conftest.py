@@ -28,7 +28,7 @@ DEAREST = (
     "plans/studies/test_sweep.py",
     "faults/test_processes.py",
     "core/structure/test_compiled.py",
-    "lab/baselines/test_baselines.py",
+    "plans/baselines/test_baselines.py",
     "contract/test_identifiers.py",
     "lab/experiment/test_prior.py",
     "clinic/identify/test_hypotheses.py",

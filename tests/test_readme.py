@@ -15,7 +15,6 @@ import pytest
 
 from nsaid_mj import ArmPlant, FourierTracking, Scenario
 from nsaid_mj.lab.evaluation.summary import result_from
-from nsaid_mj.lab.setup import trajectory
 from nsaid_mj.report import ExitCode
 from nsaid_mj.robots.assets import known_robots, scenarios
 from tests.support.faulty import shell
@@ -120,7 +119,7 @@ def true_gains(workplace: Path) -> np.ndarray:
         real.system, real.truth, np.random.default_rng(0)
     )
     with real.running():
-        log = trajectory(real, driver, round(20 / DT))
+        log = real.trajectory(driver, round(20 / DT))
     rng = np.random.default_rng(2)
     q = log.q + 1e-4 * rng.standard_normal(log.q.shape)
     v = log.v + 5e-3 * rng.standard_normal(log.v.shape)

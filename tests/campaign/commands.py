@@ -17,7 +17,6 @@ import numpy as np
 from nsaid_mj.base.bounds import shown
 from nsaid_mj.clinic.identify.measured import LiveRobot, measured_scenario
 from nsaid_mj.clinic.session import Session
-from nsaid_mj.lab.evaluation.summary import summary_of
 from nsaid_mj.lab.postprocessing import finish
 from nsaid_mj.lab.scenario import field_at
 from nsaid_mj.robots.assets import scenarios
@@ -303,7 +302,7 @@ def samples(rng: random.Random, here: Path) -> Kind:
         shutil.rmtree(here / "out", ignore_errors=True)
         (here / "out").mkdir()
         run = session.run(io.BytesIO(b"\n".join(sent)), here / "out", lambda _: None)
-        summary = summary_of(finish(run))
+        summary = finish(run).summary()
         json.dumps(summary, allow_nan=False)
         counted = sum(run.stream[key] for key in run.stream if key not in ("gaps", "missing"))
         lost = len([line for line in sent if line.strip()]) - counted

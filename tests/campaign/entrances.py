@@ -15,7 +15,6 @@ import numpy as np
 
 from nsaid_mj.clinic.logs.tables import read
 from nsaid_mj.lab import postprocessing
-from nsaid_mj.lab.evaluation.summary import summary_of
 
 from ..support import lerobot
 from ..support.faulty import NSAID, strict
@@ -107,7 +106,7 @@ def rebuilds(rng: random.Random, here: Path) -> Kind:
     (out / name).write_text(json.dumps(found), encoding="utf-8")
 
     def rebuilt() -> str:
-        json.dumps(summary_of(postprocessing.rebuild(out)), allow_nan=False)
+        json.dumps(postprocessing.rebuild(out).summary(), allow_nan=False)
         return ""
 
     return Kind(f"{name}: {json.dumps(found)[:600]}", lambda: typed(rebuilt))

@@ -16,7 +16,6 @@ from nsaid_mj.base import NotWritten, write_json
 from nsaid_mj.base.errors import NsaidError
 from nsaid_mj.core.laws.faults import FaultEvent
 from nsaid_mj.lab import postprocessing
-from nsaid_mj.lab.evaluation.summary import summary_of
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import FAULTS
 from nsaid_mj.plans.studies import sweep, sweep_report
@@ -70,7 +69,7 @@ def damaged_run(rng: random.Random, here: Path) -> Kind:
         with contextlib.suppress(NsaidError):
             Record.read(out)
         with contextlib.suppress(NsaidError):
-            json.dumps(summary_of(postprocessing.rebuild(out)), allow_nan=False)
+            json.dumps(postprocessing.rebuild(out).summary(), allow_nan=False)
         try:
             run(SCENARIO, out, force=True)
         except NotWritten:  # a file that was changed is the user's

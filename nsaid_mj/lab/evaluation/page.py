@@ -19,7 +19,6 @@ from ...report import (
     Fold,
     HeatMap,
     Items,
-    Mark,
     Page,
     PageItem,
     Result,
@@ -102,7 +101,10 @@ def page(
         Section("Parameters", [Text(_relative_to(result)), *folds(result, gains=False)]),
         Section("Least known directions of θ/scale", _least_known(result)),
         Section("Correlations of what is identified", _correlated(drawn(_correlations(result)))),
-        Section("The paper's statements on this run", [*statements(checks), *_checks(result)]),
+        Section(
+            "The paper's statements on this run",
+            [*(checks.items() if checks else []), *_checks(result)],
+        ),
     ]
     return replace(
         made,
@@ -238,37 +240,6 @@ def _checks(result: RunResult) -> list[PageItem]:
     if levels and any(measured):  # 0 or None without a window
         said.append(f"Smallest level of excitation ε₀ of any window: {', '.join(levels)}.")
     return [Text(" ".join(said), note=True)] if said else []
-
-
-def statements(checks: Verification | None) -> list[PageItem]:
-    """The paper's statements with their verdicts, then those that do not apply, by reason."""
-    kinds = {"holds": ("✔", "good"), "not yet": ("◐", "fair"), "fails": ("✘", "poor")}
-    lines = []
-    apart = dict[str, list[str]]()
-    for v in checks.statements if checks is not None else ():
-        if v.verdict in kinds:
-            lines.append([v.statement, v.claim, Mark(*kinds[v.verdict], v.verdict), v.words])
-        else:
-            apart.setdefault(v.words, []).append(f"{v.statement}: {v.claim}")
-    heads = ["statement", "claim", "verdict", "figure"]
-    reasons = [(f"Not applicable: {why}", f"{'; '.join(said)}.") for why, said in apart.items()]
-    return [
-        *([Table(heads, lines, (0, 1, 2, 3))] if lines else []),
-        *([Items(reasons)] if reasons else []),
-    ]
-
-
-def verification_page(name: str, found: Verification) -> Page:
-    """The page of a check of the paper's statements on a run, for the terminal."""
-    lines = [
-        f"{v.verdict:15} {v.statement}: {v.claim}\n{' ' * 20}{v.words}" for v in found.statements
-    ]
-    return Page(
-        heading=name,
-        result=found,
-        lead=f"{found.status}, {found.end:.4g} s simulated",
-        sections=[Section("", [Items(lines)], brief=True)],
-    )
 
 
 def unobservable(result: RunResult) -> list[PageItem]:

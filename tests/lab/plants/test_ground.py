@@ -23,7 +23,6 @@ from nsaid_mj.lab.plants.vehicles import BlueROV2Plant, BMW320iPlant, F1TenthPla
 from nsaid_mj.lab.plants.world.config import PlantConfig
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.plants.world.plant import Plant
-from nsaid_mj.lab.setup import trajectory
 from nsaid_mj.robots.assets import published_numbers
 from tests.support.plants import drive, hold, plant, wrong_prior
 from tests.support.vehicles import acceleration
@@ -461,7 +460,7 @@ def test_under_the_rovers_mismatch_the_estimate_stays_bounded_and_predicts_bette
     law = NullspaceAID(K=10.0, gain=0.05).build(p.system, prior, p.dt)
     later = driven("rover", p, 30, seed + 50)
     with p.running():
-        samples = trajectory(p, driver("rover", p, seed), round(120 / p.dt))
+        samples = p.trajectory(driver("rover", p, seed), round(120 / p.dt))
         state, _ = law.follow(law.init(samples.at(0)), samples)
     assert state.status is Status.completed
     start, end = (float(law.conserved(theta)) for theta in (prior, state.theta_hat))
