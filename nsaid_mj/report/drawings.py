@@ -198,7 +198,8 @@ def comparison(panel: Comparison) -> str:
         axes.shade([(float(t[rows[0]]), float(t[rows[-1]])) for rows in unused], GRID)
         axes.grids = (False, True)
     if half:
-        upper.band(t, *half, COLOURS[0], INTERVAL)
+        low, high = half
+        upper.band(t, low, high, COLOURS[0], INTERVAL)
     measured = _thinned(t, panel.measured, parts)
     upper.line(*measured, COLOURS[1], MEASURED, width=4.5, opacity=0.4)
     upper.line(*_thinned(t, panel.predicted, parts), COLOURS[0], PREDICTED)

@@ -232,7 +232,8 @@ class Axes:
             if len(rows) and known[rows[0]]:
                 around = np.append(rows, rows[::-1])
                 ends = np.append(low[rows], high[rows[::-1]])
-                self.area(x[around], np.clip(ends, *sorted(self.y.ends)), colour, name, 0.2)
+                bottom, top = sorted(self.y.ends)
+                self.area(x[around], np.clip(ends, bottom, top), colour, name, 0.2)
         for end, values in (("low", low), ("high", high)):
             self.tell(x, values, f"{f'{of}, ' if of else ''}{name}, {end}")
 

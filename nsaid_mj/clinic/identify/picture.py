@@ -50,16 +50,18 @@ def picture(result: Identification) -> PageFigure | None:
     height = _height(high - low, len(names))
     labels = _labels(names, joints, low, high, (_WIDTH, height))
     axes = Axes((0.0, 0.0, _WIDTH, height), *labels.sides, frame=False)
-    axes.area(*floor.T, GRID)
+    axes.area(floor[:, 0], floor[:, 1], GRID)
     for line in labels.lines:
-        axes.line(*line.T, COLOURS[8], width=0.6)
+        axes.line(line[:, 0], line[:, 1], COLOURS[8], width=0.6)
     for number, ends in enumerate(flat):
         link = number < len(names)
         colour = INK if link else COLOURS[8]
-        axes.line(*ends.T, colour, width=4.0 if link else 1.4, opacity=0.75 if link else 0.6)
+        width = 4.0 if link else 1.4
+        opacity = 0.75 if link else 0.6
+        axes.line(ends[:, 0], ends[:, 1], colour, width=width, opacity=opacity)
     for name, at in zip(names, joints, strict=True):
         colour = _COLOURS.get(marks.get(name, ""), COLOURS[8])
-        axes.marks(*at[:, None], colour, "", "o", filled=True)
+        axes.marks(at[:1], at[1:], colour, "", "o", filled=True)
     for words_, at, anchor in labels.texts:
         axes.text(words_, *at, anchor=anchor, size=labels.size)
     legend = [

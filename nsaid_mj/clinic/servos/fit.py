@@ -338,7 +338,9 @@ class Spread(NamedTuple):
         return float(stats.t.ppf(0.975, self.dispersion(direction)[1] / max(share, 1e-3) ** 2))
 
 
-def spreads(fits: Sequence[OutputError], cluster: Indices, zero: Sequence[Array]) -> list[Spread]:
+def spreads(
+    fits: Sequence[OutputError], cluster: Indices, zero: Sequence[Array] | Array
+) -> list[Spread]:
     """The uncertainty of fits of one arm, with offsets `zero` (n,) of the targets of each."""
     found = [_spread(fit, cluster, own) for fit, own in zip(fits, zero, strict=True)]
     own = np.array([s.own(one) for s in found for one in np.eye(len(s.rest))[s.free]])

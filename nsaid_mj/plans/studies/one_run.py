@@ -80,7 +80,7 @@ def figures(run: SimulatedRun) -> dict[str, Any]:
     """Scalar entries of a run's summary by key, dotted if nested, and `time_to_converge`."""
     truth = Truth.of(run)
     converged = {"time_to_converge": time_to_converge(run, truth)}
-    return converged | _scalars(evaluate(run, truth)).summary()
+    return converged | _scalars(evaluate(run, truth).summary())
 
 
 def _scalars(summary: dict[str, Any], prefix: str = "") -> dict[str, Any]:

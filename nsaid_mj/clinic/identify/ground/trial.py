@@ -18,11 +18,12 @@ from mujoco import rollout
 from scipy.ndimage import maximum_filter1d
 from scipy.spatial.transform import Rotation
 
-from ....core import Array, Elimination
+from ....core import Array, Elimination, Indices
 from ....lab import JointMap
 from ....robots import RobotModel, quiet
 from ...logs.imu import GRAVITY
 from ...logs.recordings import Recordings
+from ..problem import Mask
 from ..rows import unrolled
 from ..smoothing import Filter, Smooth, delayed, smooth_commands
 from .conventions import limbs_of
@@ -102,7 +103,7 @@ def trial(
     return StepErrors(_nrmse(standing), _of_legs(swinging), error)
 
 
-def _windows(free: Array, samples: int) -> Array:
+def _windows(free: Mask, samples: int) -> Indices:
     """(K, samples + 1) numbers of consecutive samples in all of which a mask (M,) is true."""
     starts = []
     first = 0
@@ -142,7 +143,7 @@ class _Leg:
             self._mj.jnt_stiffness[number] = total
             self._mj.qpos_spring[at] = file * mj.qpos_spring[at] / total
 
-    def departures(self, motion: Smooth, targets: Array, windows: Array) -> Array:
+    def departures(self, motion: Smooth, targets: Array, windows: Indices) -> Array:
         """(K, samples, j) simulated minus measured positions of the leg [rad or m].
 
         `targets` (M, k) are the motors' forces without what a PD law takes [N·m or N].
