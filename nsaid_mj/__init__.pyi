@@ -2,6 +2,7 @@
 
 from .base.errors import NsaidError as NsaidError
 from .cli import main as main
+from .clinic.identify.export import write_models as write_models
 from .clinic.identify.identify import identify as identify
 from .clinic.identify.measured import LiveRobot as LiveRobot
 from .clinic.identify.measured import LogRobot as LogRobot

@@ -30,7 +30,7 @@ from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.plants.jointed import Backend
 from nsaid_mj.lab.plants.world.plant import Plant
-from nsaid_mj.lab.setup import Setup, trajectory
+from nsaid_mj.lab.setup import Setup
 from nsaid_mj.plans.studies.montecarlo import follow, grouped, simulate
 from nsaid_mj.plans.studies.study import seed_of
 
@@ -99,13 +99,13 @@ def compared(what: str, ours: Block, theirs: Block, bar: float | None) -> dict[s
 
 
 def seconds(action: Callable[[], object], repeats: int = 2000) -> Block:
-    """A block that measures the mean time of an action."""
+    """A block that measures the mean CPU time of an action, which other processes do not change."""
 
     def block() -> float:
-        begin = time.perf_counter()
+        begin = time.process_time()
         for _ in range(repeats):
             action()
-        return (time.perf_counter() - begin) / repeats
+        return (time.process_time() - begin) / repeats
 
     return block
 
@@ -131,7 +131,7 @@ def driven(scenario: Scenario) -> tuple[Plant, Driver, Log]:
     setup = Setup.of(scenario)
     plant, driver = setup.plant, setup.driver()
     with plant.running():
-        return plant, driver, trajectory(plant, driver, scenario.steps)
+        return plant, driver, plant.trajectory(driver, scenario.steps)
 
 
 def plant_alone(scenario: Scenario) -> Block:
@@ -174,7 +174,7 @@ def loops() -> Iterator[Comparison]:
 
 
 def following(scenario: Scenario, law: str, steps: int = 2000) -> Block:
-    """An identifier follows a log in stretches of half a second, as in a run."""
+    """An identifier follows a log in stretches of half a second, as in a run; CPU time."""
     scenario = under(scenario, law, steps)
     setup, steps = Setup.of(scenario), scenario.steps
     with setup.plant.running():
@@ -184,25 +184,25 @@ def following(scenario: Scenario, law: str, steps: int = 2000) -> Block:
 
     def block() -> float:
         state = identifier.init(log.at(0))
-        begin = time.perf_counter()
+        begin = time.process_time()
         for k in range(0, steps, stretch):
             state, _ = identifier.follow(state, log.part(k, k + stretch + 1))
-        return (time.perf_counter() - begin) / steps
+        return (time.process_time() - begin) / steps
 
     return block
 
 
 def step_by_step(scenario: Scenario, steps: int = 200) -> Block:
-    """An identifier is called from Python at every sample, as on a robot; the paper's law."""
+    """An identifier is called from Python at every sample (CPU time); the paper's law."""
     scenario = under(scenario, "paper", steps)
     rows, identifier = driven(scenario)[2].rows, Setup.of(scenario).identifiers()[""]
 
     def block() -> float:
         state = identifier.init(rows[0])
-        begin = time.perf_counter()
+        begin = time.process_time()
         for k in range(steps):
             state = identifier.step(state, rows[k], rows[k + 1])
-        return (time.perf_counter() - begin) / steps
+        return (time.process_time() - begin) / steps
 
     return block
 

@@ -24,7 +24,7 @@ from nsaid_mj.base.errors import NsaidError
 from nsaid_mj.base.stopwatch import compile_seconds
 from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.lab.evaluation.figures import actuator_ratio_error
-from nsaid_mj.lab.evaluation.truth import truth_of
+from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.scenario import Scenario
@@ -64,7 +64,7 @@ def error_of(scenario: Scenario, folder: Path) -> float:
         found = run(scenario, folder, force=True)
     except NsaidError:
         return float("inf")
-    theta, truth = found.record["theta_hat"][-1], truth_of(found).theta
+    theta, truth = found.record["theta_hat"][-1], Truth.of(found).theta
     if found.ending.time < 0.99 * scenario.duration or not np.isfinite(theta).all():
         return float("inf")
     return actuator_ratio_error(found.system, theta, truth)

@@ -15,7 +15,7 @@ from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.collections import PolyCollection
 from scipy.spatial.transform import Rotation
 
-from nsaid_mj.lab.evaluation.truth import truth_of
+from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.loop import SimulatedRun, reopen
 from nsaid_mj.lab.record import Record
 
@@ -64,7 +64,7 @@ def main(folder: Path) -> None:
     last = np.searchsorted(record["t"], LAST) - 1
     rows = np.linspace(0, last, FRAMES).astype(int)
     t, theta = record["t"][rows], record["theta_hat"][rows]
-    truth = truth_of(run)
+    truth = Truth.of(run)
     distance = truth.nullspace.ratio(theta / space.scale)
     true = truth.theta[space.actuators]
     share = theta[:, space.actuators] / true

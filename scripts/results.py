@@ -20,8 +20,7 @@ import numpy as np
 
 from nsaid_mj import NullspaceAID, Scenario, Status
 from nsaid_mj.lab.evaluation.run_evaluation import evaluate
-from nsaid_mj.lab.evaluation.summary import summary_of
-from nsaid_mj.lab.evaluation.truth import truth_of
+from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
 from nsaid_mj.plans.studies.montecarlo import DrawnMotion, identify, simulate
@@ -89,7 +88,7 @@ def worst(name: str, scenario: Scenario, seeds: range | list[int], typical: bool
     for seed in seeds:
         with tempfile.TemporaryDirectory() as folder:
             result = run(replace(scenario, seed=seed), Path(folder))
-            summaries.append(summary_of(evaluate(result, truth_of(result))))
+            summaries.append(evaluate(result, Truth.of(result))).summary()
         print(f"  {name} seed {seed}: {result.ending.status.words}", file=sys.stderr)
     of, figures = np.median if typical else np.max, []
     for key in WORST:

@@ -84,8 +84,12 @@ def priors(model: Path, files: list[Path]) -> None:
 
 
 def halves(given: ServoLogs) -> None:
-    """How often 95 % intervals of disjoint halves overlap, and hold the other's value."""
-    rng, overlap, hold, sure = np.random.default_rng(0), {}, {}, []
+    """How often 95 % intervals of disjoint halves overlap, and hold the other's value.
+
+    Also the rms of z, their difference over its deviation, which is 1 for exact intervals: of the
+    numbers whose intervals are within a factor of e in both.
+    """
+    rng, overlap, hold, sure, z = np.random.default_rng(0), {}, {}, [], {}
     for _ in range(HALVES):
         order = rng.permutation(len(given.logs))
         parts = (order[: len(order) // 2], order[len(order) // 2 :])
@@ -96,17 +100,23 @@ def halves(given: ServoLogs) -> None:
         for a, b in zip(*(r.parameters for r in results), strict=True):
             if "gravity does not tell" in a.combination + b.combination:
                 continue
+            widths = [np.log(p.high / p.value) for p in (a, b)]
             held = a.low <= b.value <= a.high and b.low <= a.value <= b.high
             for name in (a.name.partition("_")[0], "all"):
                 overlap.setdefault(name, []).append(max(a.low, b.low) <= min(a.high, b.high))
                 hold.setdefault(name, []).append(held)
+                if max(widths) < 1:
+                    apart = 1.96 * np.log(a.value / b.value) / np.hypot(*widths)
+                    z.setdefault(name, []).append(float(apart))
             if a.status == b.status == "identified":
                 sure.append(held)
     print(f"\n| of {HALVES} disjoint halves | " + " | ".join(overlap) + " |")
     print("|" + "---|" * (len(overlap) + 1))
     for words, found in (("intervals overlap", overlap), ("each contains the other's value", hold)):
         print(f"| {words} | " + " | ".join(f"{np.mean(v):.2f}" for v in found.values()) + " |")
-    print(f"\nof the {len(sure)} pairs that both halves call identified: {np.mean(sure):.2f}")
+    rms = ", ".join(f"{k} {np.sqrt(np.mean(np.square(v))):.2f} ({len(v)})" for k, v in z.items())
+    print(f"\nrms of z (pairs): {rms}")
+    print(f"of the {len(sure)} pairs that both halves call identified: {np.mean(sure):.2f}")
     each = len(given.logs) // 2
     print(f"exact 95 % intervals from {each} logs: {nominal(each):.2f}")
 

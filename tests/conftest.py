@@ -17,6 +17,8 @@ DEAREST = (
     "cli/test_cli.py",
     "clinic/identify/test_identify.py",
     "clinic/identify/test_residuals.py",
+    "clinic/logs/test_frames.py",
+    "clinic/identify/test_scale.py",
     "clinic/identify/test_gears.py",
     "clinic/servos/test_menagerie.py",
     "clinic/servos/test_weighing.py",
@@ -26,8 +28,11 @@ DEAREST = (
     "plans/studies/test_sweep.py",
     "faults/test_processes.py",
     "core/structure/test_compiled.py",
-    "lab/baselines/test_baselines.py",
+    "plans/baselines/test_baselines.py",
     "contract/test_identifiers.py",
+    "lab/experiment/test_prior.py",
+    "clinic/identify/test_hypotheses.py",
+    "clinic/identify/test_payloads.py",
     "core/laws/test_cone.py",
     "core/laws/test_memory_law.py",
     "core/laws/test_never_wrong.py",
@@ -74,7 +79,7 @@ DRAWN = (
 def pytest_configure(config: pytest.Config) -> None:
     """Fewer examples where long studies are left out; other ones are drawn each time."""
     if "not slow" in config.option.markexpr:
-        settings.register_profile("short", max_examples=40)
+        settings.register_profile("short", max_examples=25)
         settings.load_profile("short")
 
 
@@ -99,6 +104,12 @@ def drawings(request: pytest.FixtureRequest) -> Iterator[None]:
             patch.setattr("nsaid_mj.report.drawings.draw", lambda panel: "<svg></svg>")
             patch.setattr("nsaid_mj.clinic.identify.inspection_page.png_of", blank)
         yield
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draws nothing where pages are drawn otherwise: for tests that read the text."""
+    monkeypatch.setattr("nsaid_mj.report.drawings.draw", lambda panel: "<svg></svg>")
 
 
 def blank(lines: object, size: object, path: Path) -> Path:

@@ -8,6 +8,7 @@ or `<!-- tested by FILE -->`.
 
 from __future__ import annotations
 
+import contextlib
 import re
 import shlex
 import subprocess
@@ -18,7 +19,7 @@ from typing import NamedTuple
 
 import pytest
 
-from tests.support.faulty import CHECKOUT, call, flat, shell
+from tests.support.faulty import CHECKOUT, flat, shell
 
 DOCS = CHECKOUT / "docs"
 PAGES = [CHECKOUT / "README.md", *sorted(DOCS.glob("*.md"))]
@@ -89,11 +90,13 @@ def carry_out(page: Path, folder: Path, slow: bool) -> None:
                 if not words:
                     continue
                 assert words[:1] == ["nsaid"], f"say why this is not run: {line}"
-                done = call(*shortened(words[1:]), cwd=folder)
-                short = done.args[3:] != words[1:]  # then it may not converge
-                fine = {0, 1} if short or "✘" in done.stdout else {0}
-                fine |= {2} if "there is no display for a window" in done.stderr else set()
-                assert done.returncode in fine and "Traceback" not in done.stderr, (line, done)
+                own = shortened(words[1:])
+                with contextlib.chdir(folder):
+                    exit_code, said = shell(*own)
+                # what is shortened may not converge
+                fine = {0, 1} if own != words[1:] or "✘" in said.out else {0}
+                fine |= {2} if "there is no display for a window" in said.err else set()
+                assert exit_code in fine and "Traceback" not in said.err, (line, said)
     if code:
         _python(code, folder)
 

@@ -15,7 +15,6 @@ import pytest
 
 from nsaid_mj import ArmPlant, FourierTracking, Scenario
 from nsaid_mj.lab.evaluation.summary import result_from
-from nsaid_mj.lab.setup import trajectory
 from nsaid_mj.report import ExitCode
 from nsaid_mj.robots.assets import known_robots, scenarios
 from tests.support.faulty import shell
@@ -120,7 +119,7 @@ def true_gains(workplace: Path) -> np.ndarray:
         real.system, real.truth, np.random.default_rng(0)
     )
     with real.running():
-        log = trajectory(real, driver, round(20 / DT))
+        log = real.trajectory(driver, round(20 / DT))
     rng = np.random.default_rng(2)
     q = log.q + 1e-4 * rng.standard_normal(log.q.shape)
     v = log.v + 5e-3 * rng.standard_normal(log.v.shape)
@@ -164,6 +163,7 @@ def test_the_newcomers_path_leads_to_a_calibrated_robot(
         found = execute(code)["found"]
         gains = np.array([gain.value for gain in found.of("motor gain")])
         assert gains == pytest.approx(true_gains * 0.72 / true_gains[0], rel=0.03)
+        assert mujoco.MjModel.from_xml_path("from_python/my_arm.xml").nu == len(gains)
 
 
 def test_every_python_block_of_the_readme_is_run_here() -> None:

@@ -20,11 +20,11 @@ identify("arm.urdf", "log.csv").verdikt
 """A mistake in every line but the first two, and an unknown name in the second."""
 
 
-def mistakes(code: str, folder) -> list[tuple[int, str]]:
+def mistakes(code: str, folder, mode: str = "standard") -> list[tuple[int, str]]:
     """The lines at which pyright finds an error in a user's file, counted from 0, and its rules."""
     (folder / "mine.py").write_text(code, encoding="utf-8")
     (folder / "pyrightconfig.json").write_text(
-        json.dumps({"typeCheckingMode": "standard", "extraPaths": [str(ROOT)]}), encoding="utf-8"
+        json.dumps({"typeCheckingMode": mode, "extraPaths": [str(ROOT)]}), encoding="utf-8"
     )
     done = subprocess.run(
         [
@@ -53,6 +53,11 @@ def test_the_readme_has_no_mistake(tmp_path):
     codes = blocks(README, "python")
     assert codes
     assert mistakes("\n".join(codes), tmp_path) == []
+
+
+def test_a_lead_engineers_script_has_no_mistake_in_the_strict_mode(tmp_path):
+    (code,) = blocks(ROOT / "docs" / "your_robot.md", "python")
+    assert mistakes(code, tmp_path, "strict") == []
 
 
 def test_a_users_mistake_is_an_error_in_the_editor(tmp_path):

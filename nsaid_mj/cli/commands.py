@@ -61,7 +61,7 @@ def main(scenario: Scenario, arguments: Sequence[str] | None = None) -> NoReturn
 def run_from_shell() -> NoReturn:
     """The console script `nsaid`."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # our matrices are too small for threads
-    os.environ.setdefault("MUJOCO_GL", "disable")  # MuJoCo renders nothing
+    os.environ["MUJOCO_GL"] = "disable"  # MuJoCo renders nothing; a bad word would end its import
     gc.set_threshold(50_000)  # imports allocate many permanent objects; scanning them is slow
     atexit.register(gc.freeze)  # skips the scan at exit, which takes half a second
     open_streams()
@@ -141,9 +141,11 @@ def _command(arguments: Sequence[str]) -> int:
                 "Such as `nsaid verify scalar_rov`; `nsaid verify --help` has the rest.",
             )
         record_file(chosen.run)
-        from ..lab import verify_folder
+        from ..lab import Verification
 
-        return _judged(chosen.run.name, verify_folder(chosen.run), chosen.json, chosen.quiet)
+        return _judged(
+            chosen.run.name, Verification.of_folder(chosen.run), chosen.json, chosen.quiet
+        )
     if isinstance(chosen, grammar.ViewOptions):
         return _view(chosen.run, chosen.web, chosen.rebuild)
     if isinstance(chosen, grammar.List):
@@ -201,10 +203,10 @@ def _study(word: str, script: str, arguments: Sequence[str]) -> int:
 
 def _run(name: str, default: Scenario, arguments: Sequence[str]) -> int:
     title, finished, result, output = _carry_out(name, default, arguments, "run")
-    from ..lab import print_result, summary_of
+    from ..lab import print_result
 
     if output.json:
-        print_json(summary_of(result))
+        print_json(result.summary())
     elif not output.quiet:
         print_result(title, result, finished.folder)
     code = _code(finished, result)
@@ -221,9 +223,9 @@ def _tests_misfit(scenario: Scenario) -> bool:
 
 def _verify(name: str, default: Scenario, arguments: Sequence[str]) -> int:
     title, finished, result, output = _carry_out(name, default, arguments, "verify")
-    from ..lab import truth_of, verify
+    from ..lab import Truth, Verification
 
-    found = verify(finished, truth_of(finished), result)
+    found = Verification.of(finished, Truth.of(finished), result)
     found.write()
     code = _judged(title, found, output.json, output.quiet)
     return code or _code(finished, result)
@@ -233,22 +235,30 @@ def _judged(name: str, found: Verification, as_json: bool, quiet: bool) -> int:
     """Prints the verdicts and returns the exit code."""
     from rich.console import Console
 
-    from ..lab import verification_page
     from ..report import print_page
 
     if as_json:
         print_json(found.document())
     elif not quiet:
-        page = verification_page(name, found)
-        print_page(page, Console(highlight=False), [f"verdicts   {found.file}"])
+        print_page(found.page(name), Console(highlight=False), [f"verdicts   {found.file}"])
     return ExitCode.of(found)
+
+
+def title_of(name: str, default: Scenario, scenario: Scenario) -> str:
+    """The title of a run: the scenario's name, or that of the robot chosen for it.
+
+    `default` is the scenario as defined by its script.
+    """
+    robot = getattr(scenario.plant, "robot", "")
+    chosen = name == "arm" or robot != getattr(default.plant, "robot", "")
+    return (Path(robot).stem or name) if robot and chosen else name
 
 
 def _carry_out(
     name: str, default: Scenario, arguments: Sequence[str], asked: str
 ) -> tuple[str, Run, RunResult, grammar.RunOptions]:
     """Runs and post-processes a scenario; returns its title, run, result and output options."""
-    from ..lab import folder_for, parse_scenario, repeated_flags, title_of
+    from ..lab import folder_for, parse_scenario, repeated_flags
     from .excitation import check_excitation, without_excitation
     from .grammar import RunOptions
 

@@ -15,8 +15,17 @@ import orjson
 
 from ..base import single_threaded
 from ..core import Array, Identifier, Log, Measurement, ParameterSpace, State
-from ..lab import INTERVAL, Observer, RobotDescription, Run, RunningMisfit, Scenario, followed
-from .identify.measured import MeasuredRobot, identifiers_of
+from ..lab import (
+    INTERVAL,
+    Observer,
+    RobotDescription,
+    Run,
+    RunningMisfit,
+    Scenario,
+    followed,
+    measured_identifiers,
+)
+from .identify.measured import MeasuredRobot
 from .logs.stream import Cleaner, Counts, Stream
 
 
@@ -186,7 +195,7 @@ class Session:
     def __init__(self, scenario: Scenario, frame: str = "ENU/FLU"):
         assert isinstance(scenario.plant, MeasuredRobot)
         self.scenario, self.robot = scenario, scenario.plant.known()
-        self.identifiers = identifiers_of(scenario, self.robot)
+        self.identifiers = measured_identifiers(scenario, self.robot)
         self._frame, self.cleaner = frame, Cleaner(self.robot.system, 1 / scenario.dt, frame)
 
     def warm_up(self) -> None:

@@ -1,32 +1,6 @@
 """The door of `lab`: what other houses may use."""
 
-# The methods that need only a `Problem`, by name.
-from .baselines import BATCH as BATCH
-
-# A method raises an `NsaidError` if it finds no estimate.
-from .baselines.base import Method as Method
-
-# The result of a method.
-from .baselines.base import MethodEstimate as MethodEstimate
-
-# The information that a method gets.
-from .baselines.base import Problem as Problem
-
-# An identifier's final estimate, from its own prior and the log alone.
-from .baselines.base import follow as follow
-
-# The log with q and v passed through a zero-phase Butterworth filter; u is unchanged.
-from .baselines.least_squares import smoothed as smoothed
-
 # Default limit of the CPU time of the search [s].
-from .baselines.sysid import BUDGET as BUDGET
-
-# `mujoco.sysid` with a parallel finite-difference Jacobian, all parameters free.
-from .baselines.sysid import sysid as sysid
-
-# The module `mujoco.sysid`; raises `NoEstimate` without its dependencies.
-from .baselines.sysid import toolbox as toolbox
-
 # Tracks a persistent trajectory of all coordinates, with or without adaptation.
 from .control.adaptive.tracker import AdaptiveTracking as AdaptiveTracking
 
@@ -75,9 +49,6 @@ from .evaluation.figures import converged_at as converged_at
 # Prints the verdict on a run, the figures behind it, and the paths of its files.
 from .evaluation.page import print_result as print_result
 
-# The page of a check of the paper's statements on a run, for the terminal.
-from .evaluation.page import verification_page as verification_page
-
 # Evaluates a run, completed or not; `curves.with_curves` adds what is drawn.
 from .evaluation.run_evaluation import evaluate as evaluate
 
@@ -93,23 +64,11 @@ from .evaluation.run_result import RunResult as RunResult
 # Judges the motion so far whenever it is half as long again, as `misfit_of` does at its end.
 from .evaluation.running import RunningMisfit as RunningMisfit
 
-# The content of summary.json.
-from .evaluation.summary import summary_of as summary_of
-
 # The true parameters of a simulated plant, and the true set.
 from .evaluation.truth import Truth as Truth
 
-# The truth of a simulated run, for its evaluation.
-from .evaluation.truth import truth_of as truth_of
-
 # The result of a check of the paper's statements on a run.
 from .evaluation.verify import Verification as Verification
-
-# Checks the paper's statements on a finished run, completed or not.
-from .evaluation.verify import verify as verify
-
-# Checks the statements on a run's folder, from its record alone, and writes verify.json.
-from .evaluation.verify import verify_folder as verify_folder
 
 # Raises `BadRun` unless results can be written to a folder, before they are computed.
 from .folders import check_writable as check_writable
@@ -120,26 +79,8 @@ from .folders import folder_for as folder_for
 # Context with the folder of results, locked: `out`, or runs/NAME, numbered as above.
 from .folders import folder_for_results as folder_for_results
 
-# The title of a run: the scenario's name, or that of the robot chosen for it.
-from .folders import title_of as title_of
-
-# Interval between two checks of the conserved quantity [s].
-from .following import CHECK as CHECK
-
-# How a run ended, or its state so far, at a simulated time [s].
-from .following import Ending as Ending
-
 # An identifier and its state along a log, whose first measurement initializes it.
 from .following import Following as Following
-
-# Computing times of a run. Only `compile` includes the compilation of kernels.
-from .following import RunTimes as RunTimes
-
-# The rows of a segment after which the conserved quantity is checked.
-from .following import due_rows as due_rows
-
-# SHA-256 of a scenario's script, given by packaged name or path.
-from .library import digest_of as digest_of
 
 # Loads a scenario by the name of a packaged one, or from a script.
 from .library import load as load
@@ -153,11 +94,11 @@ from .loop import Run as Run
 # A finished run of a simulated plant, whose truth can be read.
 from .loop import SimulatedRun as SimulatedRun
 
-# Entries per row of every column of a run's record, by name; 0 for a scalar column.
-from .loop import columns as columns
-
 # Runs identifiers on the measurements of a source until it ends, and writes the record.
 from .loop import followed as followed
+
+# The scenario's own identifier, for a robot that is not simulated.
+from .loop import measured_identifiers as measured_identifiers
 
 # Runs a scenario: simulates the plant, runs the identifiers, writes the record.
 from .loop import run as run
@@ -185,6 +126,15 @@ from .plants.families import vehicle_families as vehicle_families
 
 # A robot with a motor or servo on every joint; a floating base is fixed to a stand.
 from .plants.jointed import ArmPlant as ArmPlant
+from .plants.sysid import BUDGET as BUDGET
+
+# `mujoco.sysid` with a parallel finite-difference Jacobian, all parameters free.
+# `mujoco.sysid` with a parallel finite-difference Jacobian, all parameters free.
+from .plants.sysid import sysid as sysid
+
+# The module `mujoco.sysid`; raises `NoEstimate` without its dependencies.
+# The module `mujoco.sysid`; raises `NoEstimate` without its dependencies.
+from .plants.sysid import toolbox as toolbox
 
 # A vehicle of one body, made from a data sheet.
 from .plants.world.blueprint import VehiclePlant as VehiclePlant
@@ -206,12 +156,6 @@ from .plants.world.noise import SensorNoise as SensorNoise
 
 # A simulated plant. Step it inside `with plant.running():`.
 from .plants.world.plant import Plant as Plant
-
-# Context in which MuJoCo's warnings are neither printed nor written to MUJOCO_LOG.TXT.
-from .plants.world.quiet import quiet as quiet
-
-# Sensors without noise.
-from .plants.world.sensors import EXACT_SENSORS as EXACT_SENSORS
 
 # Sensors with their own stream of random errors; without noise they are exact.
 from .plants.world.sensors import Sensors as Sensors
@@ -237,9 +181,6 @@ from .recording.live import LiveRecording as LiveRecording
 # The command line that opens a recording, or with `web` serves it to a local browser.
 from .recording.viewer import viewer_command as viewer_command
 
-# Largest number of time steps of a run; a longer record would fill a disk.
-from .scenario import MOST_STEPS as MOST_STEPS
-
 # A complete experiment. Equal scenarios give records that are identical to the bit.
 from .scenario import Scenario as Scenario
 
@@ -255,35 +196,14 @@ from .setup import Seeds as Seeds
 # A scenario's plant and prior, and builders of its driver, sensors and identifiers.
 from .setup import Setup as Setup
 
-# The identifier of a configuration, with its supervisor if its law has one.
-from .setup import identifier_of as identifier_of
-
-# Whether a plant did not diverge along its last log, and all of the log is finite.
-from .setup import is_sound as is_sound
-
-# A plant with its published θ, and this θ (p,).
-from .setup import published as published
-
-# Drives a running plant for a number of time steps.
-from .setup import trajectory as trajectory
-
 # Interval between two samples, over the period, beyond which it is a gap.
 from .source import LONGEST_STEP as LONGEST_STEP
-
-# Recorded logs, one after another, with gaps between them.
-from .source import Logs as Logs
 
 # Provides the measurements of a run, segment by segment.
 from .source import Source as Source
 
 # Consecutive measurements from a source.
 from .source import SourceSegment as SourceSegment
-
-# Status and signal of a plant that diverged or a measurement that is not finite, else None.
-from .source import ended as ended
-
-# Time steps between two estimates for a driver; infinite if it wants none.
-from .source import informing_steps as informing_steps
 
 # (N, k) what servos follow of targets, as means over the time to the next row.
 from .target_profile import followed_targets as followed_targets

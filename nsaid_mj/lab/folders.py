@@ -34,16 +34,6 @@ RUN = (
 """Files of a run, even of one that ended early."""
 
 
-def title_of(name: str, default: Scenario, scenario: Scenario) -> str:
-    """The title of a run: the scenario's name, or that of the robot chosen for it.
-
-    `default` is the scenario as defined by its script.
-    """
-    robot = getattr(scenario.plant, "robot", "")
-    chosen = name == "arm" or robot != getattr(default.plant, "robot", "")
-    return (Path(robot).stem or name) if robot and chosen else name
-
-
 def folder_for(
     title: str, scenario: Scenario, out: Path | None, force: bool
 ) -> AbstractContextManager[Path]:

@@ -74,6 +74,22 @@ class Following:
         """Continues at a measurement after a gap; see `Identifier.resume`."""
         self.state = self.identifier.resume(self.state, here)
 
+    @staticmethod
+    def due(first: int, rows: int, dt: float, last: int) -> np.ndarray:
+        """The rows of a segment after which the conserved quantity is checked.
+
+        `first` is the run's time step at the segment's first row, which also ends the previous
+        segment; `last` is the run's last time step, which is always checked.
+        """
+        row = np.arange(1, rows)
+        steps = first + row
+        return row[(steps % Following.every(dt) == 0) | (steps == last)]
+
+    @staticmethod
+    def every(dt: float) -> int:
+        """Time steps of dt [s] between two checks of the conserved quantity."""
+        return max(1, round(CHECK / dt))
+
     def absorb(self, log: Log, state: State, estimates: Estimates, due: np.ndarray) -> Estimates:
         """Absorbs estimates and last state of a segment, up to a drift beyond `DRIFT`.
 
@@ -101,17 +117,6 @@ class Following:
             self.drift = max(self.drift, float(drift.max()))
         self.state = state
         return estimates
-
-
-def due_rows(first: int, rows: int, dt: float, last: int) -> np.ndarray:
-    """The rows of a segment after which the conserved quantity is checked.
-
-    `first` is the run's time step at the segment's first row, which also ends the previous segment;
-    `last` is the run's last time step, which is always checked.
-    """
-    row = np.arange(1, rows)
-    steps = first + row
-    return row[(steps % max(1, round(CHECK / dt)) == 0) | (steps == last)]
 
 
 @dataclass
@@ -226,7 +231,7 @@ class Loop:
         begin = clock()
         estimates = {}
         for name, following in self.following.items():  # the scenario's own comes first
-            due = due_rows(k, len(log.t), self.scenario.dt, self.scenario.steps)
+            due = Following.due(k, len(log.t), self.scenario.dt, self.scenario.steps)
             found = following.follow(log, due)
             if not name and following.ended is not None:
                 self._end(following.state.status, following.signal, following.ended)

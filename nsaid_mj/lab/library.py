@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib.util
 import inspect
 import sys
@@ -127,12 +126,6 @@ def load(name: str) -> Scenario:
         got = type(found).__name__ if hasattr(module, "scenario") else "none"
         raise InvalidInput(str(path), expected, got, "See scenarios/ur5.py.")
     return found
-
-
-def digest_of(script: str) -> str:
-    """SHA-256 of a scenario's script, given by packaged name or path."""
-    path = scenarios().get(script, Path(script))
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 class BadScript(NsaidError):

@@ -45,7 +45,7 @@ from .observer import Observer, RobotDescription
 from .plants.world.plant import Plant
 from .record import PROFILED, RECORD_FILE, TARGET_DELAYS, Record, RecordWriter
 from .scenario import Scenario
-from .setup import Seeds, Setup
+from .setup import Seeds, Setup, identifier_of
 from .source import Simulation, Source
 
 DERIVED = ("summary.json", "scenario.json", "run.rrd", "report.html", "verify.json", FAULTS)
@@ -249,8 +249,8 @@ def _ctrl_c(ask: Callable[[], None]) -> Iterator[None]:
 class Measured(Protocol):
     """A plant of a scenario that is not simulated: a real robot, whose log the record holds."""
 
-    def reopened(self, scenario: Scenario, folder: Path, record: Record) -> Run:
-        """The run of this robot, rebuilt from its record."""
+    def known(self) -> RobotDescription:
+        """Structure, prior and looks."""
         ...
 
 
@@ -262,7 +262,7 @@ def reopen(folder: Path, record: Record) -> Run:
     """
     scenario = Scenario.from_json(record.scenario(folder))
     if isinstance(scenario.plant, Measured):
-        return scenario.plant.reopened(scenario, folder, record)
+        return _reopened_log(scenario, scenario.plant.known(), folder, record)
     setup = Setup.of(scenario)
     identifiers = setup.identifiers()
     system = setup.system
@@ -282,6 +282,30 @@ def reopen(folder: Path, record: Record) -> Run:
         looks=setup.plant,
         setup=setup,
     )
+
+
+def _reopened_log(scenario: Scenario, robot: RobotDescription, folder: Path, record: Record) -> Run:
+    """The run of a robot that is not simulated, rebuilt from its record."""
+    record.check(folder, columns(robot.system, scenario))
+    return Run(
+        scenario=scenario,
+        folder=folder,
+        record=record,
+        system=robot.system,
+        prior=robot.prior,
+        identifiers=measured_identifiers(scenario, robot),
+        statuses={"": Status.completed},
+        ending=Ending(Status.completed, float(record["t"][-1])),
+        cost=RunTimes(steps=len(record)),
+        looks=robot.looks,
+    )
+
+
+def measured_identifiers(scenario: Scenario, robot: RobotDescription) -> dict[str, Identifier]:
+    """The scenario's own identifier, for a robot that is not simulated."""
+    config = scenario.identifier
+    levels = scenario.noise.levels
+    return {"": identifier_of(config, scenario, robot.system, robot.prior, levels)}
 
 
 def columns(system: SecondOrderSystem, scenario: Scenario) -> dict[str, int]:

@@ -1,9 +1,7 @@
 """Post-processing of a run: writes summary, scenario, recording and report into its folder."""
 
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
-from threading import Thread
 from typing import NamedTuple
 
 import numpy as np
@@ -27,9 +25,9 @@ from .evaluation.curves import with_curves
 from .evaluation.run_evaluation import evaluate
 from .evaluation.run_result import RunResult
 from .evaluation.summary import SUMMARY_FILE as SUMMARY
-from .evaluation.summary import result_from, summary_of
-from .evaluation.truth import truth_of
-from .evaluation.verify import ROWS, verify
+from .evaluation.summary import result_from
+from .evaluation.truth import Truth
+from .evaluation.verify import ROWS, Verification
 from .following import RunTimes
 from .loop import Ending, Run, reopen
 from .progress import Progress
@@ -80,17 +78,15 @@ def _finish(
     run: Run, say: Callable[[str], None], command: str, earlier: RunResult | None
 ) -> RunResult:
     say("evaluating the estimate")
-    # half a second of matplotlib, which the page needs last
-    Thread(target=import_module, args=["..report.drawings", __package__], daemon=True).start()
-    truth = truth_of(run)
+    truth = Truth.of(run)
     stated_before = None if earlier is None else earlier.confidence
     result = evaluate(run, truth, stated_before)
-    write_json(run.folder / SUMMARY, summary_of(result))
+    write_json(run.folder / SUMMARY, result.summary())
     write_text(run.folder / SCENARIO, run.scenario.to_json() + "\n")
     if not _drawable(run.record):
         return result
     say("writing recording and report")
-    checks = verify(run, truth, result) if len(run.record) >= ROWS else None
+    checks = Verification.of(run, truth, result) if len(run.record) >= ROWS else None
     result = with_curves(result, run, truth)
     if installed("rerun"):
         from .recording.run import write_run_recording
@@ -120,7 +116,7 @@ def theta_bar(folder: Path) -> ThetaBar:
         BadRun: the folder holds no run, or that of a real robot, whose true θ is unknown.
     """
     run = reopen(folder, Record.read(folder))
-    truth = truth_of(run)
+    truth = Truth.of(run)
     if truth is None:
         remedy = "Give the folder of a simulated run: the true θ of a real robot is unknown"
         raise BadRun(folder, "it holds the log of a real robot", remedy)

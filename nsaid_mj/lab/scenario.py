@@ -9,7 +9,7 @@ import json
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import field, fields, is_dataclass, replace
-from typing import Annotated, Any, Literal, Self, get_args, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args, get_type_hints
 
 import tyro
 from pydantic import AfterValidator, Field, TypeAdapter, ValidationError, model_validator
@@ -35,8 +35,6 @@ from .plants.world.faults.kinds import Fault
 from .plants.world.faults.text import fault_text, parse_faults
 from .plants.world.noise import SensorNoise
 
-MOST_STEPS = 1e9
-"""Largest number of time steps of a run; a longer record would fill a disk."""
 MOST_HELD_OUT = 1e6
 """Largest number of time steps of the held-out trajectory, which is kept in memory."""
 SHORTEST_STEP = 1e-6
@@ -81,6 +79,9 @@ class Scenario(Config):
         seed: master seed of all random numbers.
     """
 
+    MOST_STEPS: ClassVar[float] = 1e9
+    """Largest number of time steps of a run; a longer record would fill a disk."""
+
     plant: PlantConfig = field(default_factory=ArmPlant)
     excitation: DriverConfig = field(default_factory=FourierTracking)
     identifier: IdentifierConfig = field(default_factory=NullspaceAID)
@@ -103,7 +104,7 @@ class Scenario(Config):
         if self.duration < 2 * self.dt:
             expected = f"at least two steps of {self.dt:g} s"
             raise InvalidInput("duration", expected, self.duration, "Make it longer.")
-        for name, most in (("duration", MOST_STEPS), ("held_out", MOST_HELD_OUT)):
+        for name, most in (("duration", self.MOST_STEPS), ("held_out", MOST_HELD_OUT)):
             value = getattr(self, name)
             if value > most * self.dt:
                 expected = f"at most {most:.0e} steps of {self.dt:g} s"

@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..base import InvalidInput
 from ..core import (
     Array,
     ExpectedGramian,
@@ -35,12 +34,10 @@ from ..watch import supervised
 from .control.computed_torque import Tracking
 from .control.driver import CompiledDriver, Driver, DriverConfig
 from .library import BadScript, place_of
-from .plants.world.config import ParametricPlantConfig, PlantConfig
 from .plants.world.plant import Plant
-from .plants.world.sensors import EXACT_SENSORS, Sensors
+from .plants.world.sensors import Sensors
 from .scenario import Scenario
 
-_PIECE = 5000  # time steps after which a long simulation can be stopped
 _LONGEST = 60.0  # longest simulation for the design of a gain [s]
 
 
@@ -128,10 +125,10 @@ class Setup:
         }
 
     def simulate(self, check: Callable[[], object] = lambda: None) -> Log:
-        """Drives the plant for the run's duration; see `trajectory`."""
+        """Drives the plant for the run's duration; see `Plant.trajectory`."""
         steps = self.scenario.steps
         sensors = self.sensors()
-        return trajectory(self.plant, self.driver(), steps, sensors, check=check)
+        return self.plant.trajectory(self.driver(), steps, sensors, check=check)
 
     def held_out(self, as_at: float) -> Log | None:
         """Drives the plant along a trajectory that no identifier has seen, with exact sensors.
@@ -142,8 +139,8 @@ class Setup:
         driver = self._driver(self.seeds.held_out)
         steps = max(2, round(self.scenario.held_out / self.scenario.dt))
         with self.plant.running():
-            log = trajectory(self.plant, driver, steps, as_at=as_at)
-        return log if is_sound(self.plant, log) else None
+            log = self.plant.trajectory(driver, steps, as_at=as_at)
+        return log if self.plant.is_sound(log) else None
 
     def _driver(self, seed: np.random.SeedSequence) -> Driver:
         rng = np.random.default_rng(seed)
@@ -174,26 +171,9 @@ def identifier_of(
     return supervised(config.build(system, prior, scenario.dt, levels, gramian))
 
 
-def published(config: PlantConfig, dt: float) -> tuple[Plant, Array]:
-    """A plant with its published θ, and this θ (p,).
-
-    Raises:
-        InvalidInput: the plant cannot be made with a given θ.
-    """
-    if not isinstance(config, ParametricPlantConfig):
-        raise InvalidInput(
-            "prior",
-            f"`drawn`, for {type(config).__name__}",
-            "nominal",
-            "Leave it out: this plant cannot be made with a given θ; see ParametricPlantConfig.",
-        )
-    plant = config.simulating(dt)
-    return plant, plant.truth
-
-
 def plant_about_published(scenario: Scenario) -> Plant:
     """The plant with a physical θ drawn about its published values in all parameters."""
-    plant, nominal = published(scenario.plant, scenario.dt)
+    plant, nominal = scenario.plant.published(scenario.dt)
     space = plant.system.space
     seeds = Seeds.of(scenario.seed)
     rng = np.random.default_rng(seeds.truth)
@@ -212,7 +192,7 @@ def prior_for(scenario: Scenario, plant: Plant) -> Array:
     in_cone = any(law.in_cone for law in (scenario.identifier, *scenario.rivals.values()))
     rng = np.random.default_rng(Seeds.of(scenario.seed).prior)
     if scenario.prior == "nominal":
-        known, nominal = published(scenario.plant, scenario.dt)
+        known, nominal = scenario.plant.published(scenario.dt)
         return drawn_inside(known.system.space, nominal, 0.0, rng) if in_cone else nominal
     return draw_prior(
         plant.truth, plant.system.space, scenario.initial_error, scenario.gain_error, rng, in_cone
@@ -247,37 +227,6 @@ def draw_prior(
 def _gain_errors(space: ParameterSpace, error: float) -> Array:
     """(a,) ratios of prior to truth of the actuator parameters, 1 + error and 1 − error in turn."""
     return 1 + error * np.where(np.arange(len(space.actuators)) % 2, -1, 1)
-
-
-def trajectory(
-    plant: Plant,
-    driver: Driver,
-    steps: int,
-    sensors: Sensors = EXACT_SENSORS,
-    as_at: float | None = None,
-    check: Callable[[], object] = lambda: None,
-) -> Log:
-    """Drives a running plant for a number of time steps.
-
-    `as_at` freezes the actuators in their state at this time of a run [s]. `check` is called at
-    intervals; it may raise an exception to stop. Returns steps + 1 measurements; fewer if the plant
-    diverges, or after one that is not finite.
-    """
-    last = plant.begin(driver, sensors, as_at)
-    parts = []
-    while True:
-        check()
-        log = plant.drive(driver, last, min(steps, _PIECE), sensors)
-        parts.append(log.part(1 if parts else 0, len(log.t)))
-        steps = steps - _PIECE
-        last = log.at(-1)
-        if steps <= 0 or not is_sound(plant, log):
-            return Log.unchecked(*map(np.concatenate, zip(*parts, strict=True)))
-
-
-def is_sound(plant: Plant, log: Log) -> bool:
-    """Whether a plant did not diverge along its last log, and all of the log is finite."""
-    return not plant.diverged and all(np.isfinite(part).all() for part in log)
 
 
 def driver_of(

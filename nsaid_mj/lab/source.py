@@ -1,9 +1,9 @@
 """Sources of a run's measurements: a simulated plant, logs, or anything else."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager
 from typing import NamedTuple
 
 import numpy as np
@@ -76,7 +76,7 @@ class Simulation(Source):
         self.plant = plant
         self._driver = driver
         self._sensors = sensors
-        self._inform = informing_steps(driver, dt)
+        self._inform = driver.steps(dt) if isinstance(driver, InformedDriver) else np.inf
         self._steps = steps
         self._next: Future[SourceSegment] | None = None
 
@@ -117,60 +117,4 @@ class Simulation(Source):
         return found._replace(seconds=clock() - begin)
 
     def _sound(self, log: Log) -> SourceSegment:
-        return SourceSegment(log, end=ended(self.plant, log.at(-1)))
-
-
-class Logs(Source):
-    """Recorded logs, one after another, with gaps between them.
-
-    They have one rate and one clock, and two rows or more each.
-    """
-
-    def __init__(self, logs: Sequence[Log]):
-        self._logs = logs
-        self._log = 0
-        self._row = 0
-
-    def running(self) -> AbstractContextManager[None]:
-        """Opens nothing."""
-        return nullcontext()
-
-    def begin(self) -> SourceSegment:
-        """The first row."""
-        self._log = self._row = 0
-        return SourceSegment(self._logs[0].first(1))
-
-    def segment(self, last: Measurement, k: int, steps: int, theta_hat: Array) -> SourceSegment:
-        """The next rows of a log, or the first ones of the next log."""
-        resumed = self._row == len(self._logs[self._log].t) - 1
-        if resumed:
-            self._log = self._log + 1
-            self._row = 0
-        log = self._logs[self._log]
-        first = self._row
-        self._row = min(first + steps - resumed, len(log.t) - 1)
-        over = self._row == len(log.t) - 1 and self._log == len(self._logs) - 1
-        end = (Status.completed, "") if over else None
-        return SourceSegment(log.part(first, self._row + 1), resumed, end)
-
-    def stop(self) -> None:
-        """Does nothing: logs do not wait."""
-
-
-def informing_steps(driver: Driver, dt: float) -> float:
-    """Time steps between two estimates for a driver; infinite if it wants none.
-
-    They do not depend on the observers, so these do not change a run.
-    """
-    period = driver.period if isinstance(driver, InformedDriver) else np.inf
-    return max(1.0, float(np.round(period / dt)))
-
-
-def ended(plant: Plant, last: Measurement) -> tuple[Status, str] | None:
-    """Status and signal of a plant that diverged or a measurement that is not finite, else None."""
-    if plant.diverged:
-        return Status.plant_diverged, plant.diverged
-    for name, part in (("q", last.q), ("v", last.v)):  # before u, which follows from them
-        if not np.isfinite(part).all():
-            return Status.measurement_not_finite, name
-    return None if np.isfinite(last.u).all() else (Status.command_not_finite, "u")
+        return SourceSegment(log, end=self.plant.ended(log.at(-1)))

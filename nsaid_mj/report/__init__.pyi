@@ -126,9 +126,6 @@ from .plots import COLUMNS as COLUMNS
 # Width of a curve in a plot.
 from .plots import CURVE as CURVE
 
-# of a panel on a page, and of a wide one [inch]
-from .plots import WIDTH as WIDTH
-
 # Labels columns 0, 1, 2 …; the labels are rotated if they are many or long.
 from .plots import categories as categories
 
@@ -146,12 +143,6 @@ from .plots import page_figure as page_figure
 
 # Writes a grid of panels as PNG, atomically, each drawn by a function of its axes.
 from .plots import png_of as png_of
-
-# Applies our settings over matplotlib's defaults and ignores the user's matplotlibrc.
-from .plots import style as style
-
-# Renders a figure as an SVG element for an HTML page with other drawings.
-from .plots import svg as svg
 
 # Layout of a finished run, of the curves in its recording.
 from .recording.layout import blueprint as blueprint
@@ -224,6 +215,15 @@ from .result import Status as Status
 
 # A mark for each status that occurs, with the number of parameters that have it.
 from .result import counts as counts
+
+# A pair of axes, and what is drawn in it, from the back to the front.
+from .svg import Axes as Axes
+
+# One of the two directions of axes.
+from .svg import Side as Side
+
+# An SVG element of axes; its ids begin with a hash of it, so that they are unique on a page.
+from .svg import drawing as drawing
 
 # Prints a line for each finding, notes dimmed; of many of one level it counts the rest.
 from .terminal import print_findings as print_findings

@@ -4,10 +4,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
-from matplotlib.colors import to_rgba
-from matplotlib.figure import Figure
 
 from ..core import Array, Indices
 from .page import Figure as PageFigure
@@ -25,26 +21,17 @@ from .panels import (
     Comparison,
     Forest,
     HeatMap,
+    Panel,
     local_rms,
+    thin,
 )
-from .plots import (
-    CURVE,
-    NAMES,
-    WIDE,
-    WIDTH,
-    band,
-    line,
-    logarithmic,
-    over_time,
-    store_values,
-    style,
-    svg,
-)
+from .svg import LETTER, WIDE, WIDTH, Axes, Side, drawing, ends_of
 
 _FAINT = 0.05  # correlations below are not drawn
 _WRITTEN = 0.5  # correlations from here on are also written as numbers
 _BROAD = 30.0  # intervals are drawn up to this factor
 _LONG = 26  # characters of a name, at most
+_CELL = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])  # corners of a cell
 _POINTS = 1400  # of a measured or predicted curve, at most
 
 
@@ -66,6 +53,41 @@ def draw(panel: AnyPanel) -> str:
     return over_time(panel)
 
 
+def over_time(panel: Panel) -> str:
+    """Draws a panel's curves; title and legend are left to the page."""
+    rows = [thin(len(curve.t)) for curve in panel.curves]
+    shown = [curve.values[kept] for curve, kept in zip(panel.curves, rows, strict=True)]
+    level = [] if panel.level is None else [np.array([panel.level])]
+    bands = [
+        end[kept]
+        for curve, kept in zip(panel.curves, rows, strict=True)
+        for end in (curve.low, curve.high)
+        if end is not None
+    ]
+    y = Side(ends_of([*shown, *bands, *level], panel.logarithmic), panel.label, panel.logarithmic)
+    width = WIDE if panel.wide else WIDTH
+    box = (22.0 + y.room, 8.0, width - 12, 156.0)
+    axes = Axes(box, Side(_times([c.t for c in panel.curves]), "t [s]"), y, cursor=True)
+    if panel.level is not None:
+        axes.across(panel.level, INK)
+    for t in panel.events:
+        axes.across(t, COLOURS[8], vertical=True, dash=":")
+    for curve, kept in zip(panel.curves, rows, strict=True):
+        if curve.low is not None and curve.high is not None:
+            ends = (curve.low[kept], curve.high[kept])
+            axes.band(curve.t[kept], *ends, curve.colour, panel.band_name, curve.name)
+        axes.line(curve.t[kept], curve.values[kept], curve.colour, curve.name, dash=curve.dash)
+    return drawing(panel.title, width, 187.0, [axes])
+
+
+def _times(some: Sequence[Array]) -> tuple[float, float]:
+    """First and last of all times [s]; 0 and 1 if there are none, or only one."""
+    every = np.concatenate([t for t in some] or [np.zeros(0)])
+    if not len(every) or np.ptp(every) <= 0:
+        return (float(every[0]), float(every[0]) + 1.0) if len(every) else (0.0, 1.0)
+    return float(every.min()), float(every.max())
+
+
 def forest(panel: Forest) -> str:
     """Draws values with intervals; on a logarithmic axis if all are positive."""
     values = panel.values
@@ -81,94 +103,67 @@ def forest(panel: Forest) -> str:
         size = _BROAD * np.nanmax(np.abs(every))
         low = np.maximum(low, -size)
         high = np.minimum(high, size)
-    with style():
-        size = (WIDE if panel.wide else WIDTH, max(1.3, 0.24 * len(panel.names) + 0.75))
-        figure = Figure(figsize=size, layout="constrained")
-        axis = figure.add_subplot()  # one line for each name, the first on top
-        short = [name if len(name) <= _LONG else name[: _LONG - 1] + "…" for name in panel.names]
-        axis.set_yticks(range(len(short)), short)
-        axis.set_ylim(len(short) - 0.4, -0.6)
-        axis.grid(False, axis="y")
-        axis.yaxis.set_gid(NAMES)
-        rows = np.arange(len(values))
-        for chosen, name, colour, filled in (
-            (panel.firm, panel.certain, COLOURS[0], COLOURS[0]),
-            (~panel.firm, UNSURE, COLOURS[8], "none"),
-        ):
-            if not chosen.any():
-                continue
-            drawn = chosen & np.isfinite(low) & np.isfinite(high)
-            if drawn.any():
-                axis.hlines(
-                    rows[drawn],
-                    low[drawn],
-                    high[drawn],
-                    colour,
-                    "solid" if filled == colour else "dashed",
-                    linewidth=1.8,
-                    gid=CURVE + name,
-                )
-                for end, values_ in (("low", low), ("high", high)):
-                    store_values(axis, values_[drawn], rows[drawn], f"{name}, {end}")
-            line(
-                axis, values[chosen], rows[chosen], name, "o", color=colour, markerfacecolor=filled
-            )
-        for other in panel.others:
-            if len(other.values):
-                shown = (other.values > 0) if positive else np.isfinite(other.values)
-                line(
-                    axis,
-                    other.values[shown],
-                    rows[shown],
-                    other.name,
-                    other.marker,
-                    color=other.colour,
-                    markersize=9 if other.marker == "|" else 4.5,
-                    markerfacecolor="none",
-                    markeredgewidth=1.8 if other.marker == "|" else 0.8,
-                )
-        if panel.level is not None:
-            axis.axvline(panel.level, color=INK, linewidth=0.8, linestyle="--")
-        if positive:
-            logarithmic(axis, "x")
-        else:
-            axis.axvline(0, color=INK, linewidth=0.6)
-        axis.set_xlabel(panel.label)
-        return svg(figure, panel.title)
+    # one line for each name, the first on top
+    short = [name if len(name) <= _LONG else name[: _LONG - 1] + "…" for name in panel.names]
+    y = Side((len(short) - 0.4, -0.6), names=short)
+    level = [np.zeros(0 if positive else 1)]
+    level += [] if panel.level is None else [np.array([panel.level])]
+    others = [other.values for other in panel.others]
+    x = Side(ends_of([values, low, high, *others, *level], positive), panel.label, positive)
+    width = WIDE if panel.wide else WIDTH
+    bottom = 6.0 + max(52.0, 17.0 * len(short))
+    axes = Axes((12.0 + y.room, 6.0, width - 14, bottom), x, y)
+    axes.grids = (True, False)
+    if panel.level is not None:
+        axes.across(panel.level, INK, vertical=True)
+    if not positive:
+        axes.across(0.0, INK, vertical=True, dash="-")
+    rows = np.arange(len(values))
+    for chosen, name, colour in (
+        (panel.firm, panel.certain, COLOURS[0]),
+        (~panel.firm, UNSURE, COLOURS[8]),
+    ):
+        firm = colour == COLOURS[0]
+        drawn = chosen & np.isfinite(low) & np.isfinite(high)
+        for row in rows[drawn]:
+            ends = [low[row], high[row]]
+            style = "-" if firm else "--"
+            axes.line(ends, [row, row], colour, width=1.8, dash=style, curve=name)
+        for end, ends in (("low", low), ("high", high)):
+            axes.tell(ends[drawn], rows[drawn], f"{name}, {end}")
+        axes.marks(values[chosen], rows[chosen], colour, name, "o", filled=firm)
+    for other in panel.others:
+        width_ = 1.8 if other.marker == "|" else 0.9
+        at = rows[: len(other.values)]
+        axes.marks(other.values, at, other.colour, other.name, other.marker, width=width_)
+    return drawing(panel.title, width, bottom + 29.0, [axes])
 
 
 def heat_map(panel: HeatMap) -> str:
     """Draws correlations below the diagonal; strong ones are also written as numbers."""
     r = panel.correlation
     names = panel.names
-    n = len(panel.names)
-    with style():
-        cell = min(0.21, (2 * WIDTH - 2.0) / n)  # [inch]
-        figure = Figure(figsize=(2 * WIDTH, cell * n + 2.0), layout="constrained")
-        axis = figure.add_subplot()
-        rows, columns = np.nonzero(np.tril(np.abs(r) >= _FAINT, -1))
-        shares = r[rows, columns]
-        corners = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
-        cells = corners + np.column_stack([columns, rows])[:, None]
-        colours = [
-            to_rgba(BAD if share > 0 else COLOURS[0], min(1.0, abs(share))) for share in shares
-        ]
-        axis.add_collection(PolyCollection(list(cells), facecolors=colours, linewidths=0))
-        for i, j, share in zip(rows.tolist(), columns.tolist(), shares, strict=True):
-            words = f"{share:.2f}".replace("-", "−")
-            store_values(axis, j, i, f"{names[i]}, {names[j]}: {words}")
-            if abs(share) >= _WRITTEN:
-                words = f"{share:.1f}".replace("-", "−").replace("0.", ".")
-                text = axis.text(j, i, words, ha="center", va="center", fontsize=6)
-                text.set_in_layout(False)
-        axis.set_xticks(range(n - 1), names[:-1], rotation=90)
-        axis.set_yticks(range(1, n), names[1:])
-        axis.set_xlim(-0.5, n - 1.5)
-        axis.set_ylim(n - 0.5, 0.5)
-        axis.xaxis.set_gid(NAMES)
-        axis.set_aspect("equal")
-        axis.grid(False)
-        return svg(figure, panel.title or "Correlations")
+    n = len(names)
+    room = LETTER * max(map(len, names)) + 8
+    width = 2 * WIDTH
+    cell = min(15.0, (width - room - 10) / n)  # [points]
+    x = Side((-0.5, n - 1.5), names=names[:-1])
+    y = Side((n - 0.5, 0.5), names=["", *names[1:]])
+    box = (room, 4.0, room + cell * (n - 1), 4.0 + cell * (n - 1))
+    axes = Axes(box, x, y)
+    axes.grids = (False, False)
+    axes.upright = False
+    rows, columns = np.nonzero(np.tril(np.abs(r) >= _FAINT, -1))
+    for i, j in zip(rows.tolist(), columns.tolist(), strict=True):
+        share = float(r[i, j])
+        words = f"{share:.2f}".replace("-", "−")
+        sides = (j + _CELL[:, 0], i + _CELL[:, 1])
+        axes.area(*sides, BAD if share > 0 else COLOURS[0], opacity=min(1.0, abs(share)))
+        axes.tell([j], [i], f"{names[i]}, {names[j]}: {words}")
+        if abs(share) >= _WRITTEN:
+            words = f"{share:.1f}".replace("-", "−").replace("0.", ".")
+            axes.text(words, j, i, size=min(6.0, 0.55 * cell))
+    return drawing(panel.title or "Correlations", width, box[3] + room + 4, [axes])
 
 
 def comparison(panel: Comparison) -> str:
@@ -179,53 +174,38 @@ def comparison(panel: Comparison) -> str:
     segment = np.zeros(len(t), int) if panel.segment is None else panel.segment
     parts = np.split(np.arange(len(t)), np.flatnonzero(np.diff(segment)) + 1)
     unit = f" [{panel.unit}]" if panel.unit else ""
-    with style():
-        width = WIDE if panel.wide else WIDTH
-        figure = Figure(figsize=(width, 3.0))
-        left = 0.16 * WIDTH / width
-        upper = figure.add_axes((left, 0.42, 0.97 - left, 0.54))
-        lower = figure.add_axes((left, 0.14, 0.97 - left, 0.22), sharex=upper)
-        if panel.half is not None:
-            low = panel.predicted - panel.half
-            high = panel.predicted + panel.half
-            band(upper, t, low, high, COLOURS[0], INTERVAL)
-        for values, name, colour, width, alpha in (
-            (panel.measured, MEASURED, COLOURS[1], 4.5, 0.4),
-            (panel.predicted, PREDICTED, COLOURS[0], 1.1, 1.0),
-        ):
-            times, drawn = _thinned(t, values, parts)
-            line(upper, times, drawn, name, color=colour, linewidth=width, alpha=alpha)
-        unused = _stretches(~used, parts)
-        for axis in (upper, lower):
-            _shade(axis, [(float(t[rows[0]]), float(t[rows[-1]])) for rows in unused])
-            axis.grid(False, axis="x")
-        errors = [
-            local_rms(t[rows], error[rows])
-            for rows in (part[used[part] & np.isfinite(error[part])] for part in parts)
-            if len(rows)
-        ]
-        if errors:
-            times, drawn = (
-                np.concatenate([np.append(one[k], np.nan) for one in errors]) for k in (0, 1)
-            )
-            line(lower, times[:-1], drawn[:-1], DIFFERENCE, color=COLOURS[2], linewidth=0.9)
-        upper.margins(x=0.0)
-        upper.tick_params(labelbottom=False)
-        upper.set_ylabel(panel.label + (unit or " [as logged]"))
-        lower.set_ylabel("error" + unit)
-        lower.set_xlabel("t [s]")
-        logarithmic(lower, most=4)
-        figure.align_ylabels([upper, lower])
-        return svg(figure, panel.title)
-
-
-def _shade(axis: Axes, spans: Sequence[tuple[float, float]]) -> None:
-    """Shades intervals of x over all of an axis' height: one artist, as there may be thousands."""
-    boxes = [[(a, 0), (a, 1), (b, 1), (b, 0)] for a, b in spans]
-    shading = PolyCollection(
-        boxes, transform=axis.get_xaxis_transform(), color=GRID, alpha=0.9, lw=0, zorder=0
+    errors = [
+        local_rms(t[rows], error[rows])
+        for rows in (part[used[part] & np.isfinite(error[part])] for part in parts)
+        if len(rows)
+    ]
+    rms = [np.concatenate([np.append(one[k], np.nan) for one in errors] or [[]]) for k in (0, 1)]
+    half = (
+        [] if panel.half is None else [panel.predicted - panel.half, panel.predicted + panel.half]
     )
-    axis.add_collection(shading, autolim=False)
+    x = Side(_times([t]), "t [s]")
+    above = Side(
+        ends_of([panel.measured, panel.predicted, *half]), panel.label + (unit or " [as logged]")
+    )
+    below = Side(ends_of(rms[1:], True), "error" + unit, log=True, most=3)
+    width = WIDE if panel.wide else WIDTH
+    left = 22.0 + max(above.room, below.room)
+    upper = Axes((left, 6.0, width - 12, 123.0), x, above, cursor=True)
+    lower = Axes((left, 136.0, width - 12, 184.0), x, below, cursor=True)
+    upper.labelled = False
+    unused = _stretches(~used, parts)
+    for axes in (upper, lower):
+        axes.shade([(float(t[rows[0]]), float(t[rows[-1]])) for rows in unused], GRID)
+        axes.grids = (False, True)
+    if half:
+        low, high = half
+        upper.band(t, low, high, COLOURS[0], INTERVAL)
+    measured = _thinned(t, panel.measured, parts)
+    upper.line(*measured, COLOURS[1], MEASURED, width=4.5, opacity=0.4)
+    upper.line(*_thinned(t, panel.predicted, parts), COLOURS[0], PREDICTED)
+    if errors:
+        lower.line(rms[0][:-1], rms[1][:-1], COLOURS[2], DIFFERENCE, width=0.9)
+    return drawing(panel.title, width, 214.0, [upper, lower])
 
 
 def _stretches(chosen: np.ndarray, parts: Sequence[Indices]) -> list[Indices]:

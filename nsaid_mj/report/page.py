@@ -142,7 +142,7 @@ class Figure:
     """A drawing with its title and legend."""
 
     title: str  # above the drawing
-    drawing: str  # an SVG element of `plots.svg`, or an image
+    drawing: str  # an SVG element of `svg.drawing`, or an image
     # (name, colour, dash) of each entry; a dash of `BAND` is a shaded area, or it is a marker, or
     # the path of one in an SVG box of 24 × 8
     legend: Sequence[tuple[str, str, str]] = ()

@@ -26,10 +26,10 @@ from matplotlib.path import Path as Outline
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from ..base import atomic_write
-from ..core import Array
 from .page import VARIABLES
 from .page import Figure as PageFigure
 from .panels import COLOURS, DASHES, GRID, INK, Panel, thin
+from .svg import HUGE, number, numbers
 
 CURVE = "curve:"
 NAMES = "names"
@@ -41,11 +41,9 @@ COLUMNS = 8
 WIDTH = 4.3  # of a panel on a page, and of a wide one [inch]
 WIDE = 6.2
 _HEIGHT = 2.6
-_HUGE = 1e200  # larger values are not drawn: matplotlib's margins overflow
 _DPI = 110  # of a PNG
 _MAKER = "nsaid-mj"  # in a PNG file, by which `base.is_ours` knows it
 _LONG = 28  # characters of a category's label, at most
-_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _STYLE: dict[str, Any] = {
     "font.size": 8,
     "axes.titlesize": 9,
@@ -78,16 +76,6 @@ def style() -> Iterator[None]:
         yield
 
 
-def over_time(panel: Panel) -> str:
-    """Draws a panel's curves as an SVG element; title and legend are left to the page."""
-    with style():
-        width = WIDE if panel.wide else WIDTH
-        figure = Figure(figsize=(width, _HEIGHT))
-        left = 0.15 * WIDTH / width
-        curves(panel, figure.add_axes((left, 0.165, 0.96 - left, 0.79)))
-        return svg(figure, panel.title)
-
-
 def curves(panel: Panel, axis: Axes) -> None:
     """Draws a panel's curves into axes."""
     if panel.level is not None:
@@ -98,8 +86,8 @@ def curves(panel: Panel, axis: Axes) -> None:
         rows = thin(len(curve.t))
         t = curve.t[rows]
         if curve.low is not None and curve.high is not None:
-            low, high = (np.clip(end[rows], -_HUGE, _HUGE) for end in (curve.low, curve.high))
-            band(axis, t, low, high, curve.colour, panel.band_name, curve.name)
+            low, high = (np.clip(end[rows], -HUGE, HUGE) for end in (curve.low, curve.high))
+            axis.fill_between(t, low, high, color=curve.colour, alpha=0.2, linewidth=0)
         style = {"color": curve.colour, "label": curve.name or None}
         line(axis, t, curve.values[rows], curve.name, curve.dash, **style)
     axis.margins(x=0.0)
@@ -112,27 +100,8 @@ def curves(panel: Panel, axis: Axes) -> None:
 def line(axis: Axes, x: Any, y: Any, name: str, dash: str = "-", **style: Any) -> None:
     """Draws a curve with its name, by which the page finds its values; huge ones are left out."""
     y = np.asarray(y, float)
-    shown = np.where(np.abs(y) < _HUGE, y, np.nan)
+    shown = np.where(np.abs(y) < HUGE, y, np.nan)
     axis.plot(x, shown, dash, gid=CURVE + name, **style)
-
-
-def store_values(axis: Axes, x: Any, y: Any, name: str) -> None:
-    """Stores values for a page that are not drawn as a curve, such as the ends of a band."""
-    axis.plot(x, y, visible=False, gid=CURVE + name)
-
-
-def band(
-    axis: Axes, t: Array, low: Array, high: Array, colour: str, name: str, of: str = ""
-) -> None:
-    """Shades between low and high (N,) where both are numbers; `of` is the curve in the middle."""
-    known = np.isfinite(low) & np.isfinite(high)
-    for part in np.split(np.arange(len(t)), np.flatnonzero(np.diff(known)) + 1):
-        if len(part) and known[part[0]]:
-            x = np.r_[t[part], t[part[::-1]]]
-            y = np.r_[low[part], high[part[::-1]]]
-            axis.fill(x, y, color=colour, alpha=0.2, linewidth=0, gid=CURVE + name)
-    for end, values in (("low", low), ("high", high)):
-        store_values(axis, t, values, f"{f'{of}, ' if of else ''}{name}, {end}")
 
 
 def page_figure(title: str, draw: Callable[[Axes], None], wide: bool = False) -> PageFigure:
@@ -211,16 +180,6 @@ def logarithmic(axis: Any, which: str = "y", most: int = 8) -> None:
     ruler.set_major_formatter(FuncFormatter(lambda value, _: number(value, plain)))
 
 
-def number(value: float, plain: bool = True) -> str:
-    """Formats a tick label: 0.02, 300, 2·10⁻⁵; always as a power of ten if not `plain`."""
-    if value == 0 or (plain and 1e-3 <= abs(value) < 1e4):
-        return f"{value:.4g}"
-    digits, _, power = f"{value:.3e}".partition("e")
-    factor = f"{float(digits):g}"
-    tens = "10" + str(int(power)).translate(_SUPERSCRIPTS)
-    return tens if factor == "1" else f"{factor}·{tens}"
-
-
 # -- files -------------------------------------------------------------------------------------
 
 
@@ -296,7 +255,7 @@ def _curves(figure: Figure) -> list[dict[str, Any]]:
         curves = []
         for drawn in axis.get_lines():
             name = drawn.get_gid() or ""
-            x, y = (_numbers(side) for side in drawn.get_data())
+            x, y = (numbers(side) for side in drawn.get_data())
             if not name.startswith(CURVE) or not len(x):
                 continue
             if x not in tables:
@@ -328,12 +287,6 @@ def _curves(figure: Figure) -> list[dict[str, Any]]:
 
 def _side(ends: tuple[float, float], scale: str, label: str) -> dict[str, Any]:
     return {"ends": [float(end) for end in ends], "log": scale == "log", "label": label}
-
-
-def _numbers(values: Any) -> list[float | None]:
-    """Values with six digits for JSON; None where there is no number."""
-    given = np.asarray(values, float).tolist()
-    return [float(f"{value:.6g}") if abs(value) < _HUGE else None for value in given]
 
 
 _NO_METADATA = dict.fromkeys(("Date", "Creator", "Format", "Type"))

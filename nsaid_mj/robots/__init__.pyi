@@ -87,6 +87,9 @@ from .shapes import VisualMesh as VisualMesh
 # The mesh of MuJoCo's geom i, a box or a solid of revolution, in the geom's own frame.
 from .shapes import of_geom as of_geom
 
+# Context in which MuJoCo's warnings are collected, not printed or written to MUJOCO_LOG.TXT.
+from .silence import quiet as quiet
+
 # Writes a table as YAML, lists of numbers on one line.
 from .tables import write_table as write_table
 

@@ -156,7 +156,26 @@ def _built(robot: RobotModel, values: Identified) -> Node:
     for k, name in enumerate(robot.joints):
         if values.gain[k]:
             _add_motor(section, robot, name, float(values.gain[k]))
+    _lead_followers(root, robot)
     return root
+
+
+def _lead_followers(root: Node, robot: RobotModel) -> None:
+    """Constrains joints that follow others to q = ratio · leader + offset.
+
+    MuJoCo advises a time constant of at least two time steps, which are 2 ms by default.
+    """
+    if robot.coupling is None:
+        return
+    section = SubElement(root, "equality")
+    ratio = robot.coupling.ratio
+    for name in robot.followers:
+        own = robot.joints.index(name)
+        leader = int(np.flatnonzero(ratio[own])[0])
+        law = SubElement(section, "joint", joint1=name, joint2=robot.leaders[leader])
+        law.set("polycoef", numbers([robot.coupling.offset[own], ratio[own, leader], 0, 0, 0]))
+        law.set("solref", numbers([0.004, 1.0]))
+        law.set("solimp", numbers([0.99, 0.999, 0.001]))
 
 
 def _edited(

@@ -21,6 +21,7 @@ from ..base import LARGEST, Finding, check_input, pin
 from ..core import Array
 from .errors import BadRobot
 from .inertias import moved, moved_inside, plausible_size
+from .silence import quiet
 from .tree import body_name, wxyz
 from .xml import check_named_files, numbers, read_xml
 
@@ -36,11 +37,22 @@ def compile_file(path: Path) -> tuple[Any, Any, list[Finding]]:
 
     Missing mesh and texture files are left out, and inertias that MuJoCo would reject are moved
     inside the cone of physical ones. Returns MuJoCo's specification (None for .mjb), the compiled
-    model, and findings about changes.
+    model, and findings about changes and what MuJoCo warns of.
 
     Raises:
         BadRobot: MuJoCo rejects the file, or accepts a number that no robot has.
     """
+    with quiet() as heard:
+        spec, mj, findings = _compiled(path)
+    for words in heard:
+        if "NaN" in words:  # such as in a keyframe
+            raise BadRobot(str(path), "", "a number in it is NaN", "Write finite numbers.")
+        findings.append(Finding("note", "mujoco", path.name, f"MuJoCo warns: {words.strip()}"))
+    return spec, mj, findings
+
+
+def _compiled(path: Path) -> tuple[Any, Any, list[Finding]]:
+    """Carries out `compile_file`, during which MuJoCo may warn."""
     try:
         if path.suffix.lower() == ".mjb":
             check_input(path)

@@ -42,6 +42,7 @@ from ..core import (
     KalmanFilter,
     Log,
     ParameterSpace,
+    SecondOrderSystem,
     State,
     drawn_inside,
 )
@@ -49,6 +50,8 @@ from .drift import walks
 from .replay import Replay, replay
 from .state import kept_of
 
+_LONGEST = 120.0  # length of log that is judged [s], and
+_LONGEST_ON_GROUND = 20.0  # with contacts, where a pass costs four times as much
 _SHORTEST = 32  # samples that have a spectrum
 
 
@@ -127,13 +130,17 @@ class Misfit(NamedTuple):
     drift: float = 0.0  # largest mean relative rate at which a gain drifts [1/min]; 0 if constant
 
     LEVELS = (NONE, SOME, CONTRADICTS)
-    LONGEST = 120.0  # length of log that is judged, its end [s]
     FEWEST = 50  # rows that can be judged; the run that warms up has as many
 
     def keys(self) -> dict[str, Any]:
         """The keys of summary.json."""
         others = zip(self._fields[1:], self[1:], strict=True)
         return {"misfit": self.level} | {f"misfit_{name}": value for name, value in others}
+
+    @staticmethod
+    def longest(system: SecondOrderSystem) -> float:
+        """The length of log that is judged, its end [s]."""
+        return _LONGEST_ON_GROUND if system.structure.contacts else _LONGEST
 
     @staticmethod
     def during(state: State) -> str:

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from . import commands, files, folders
+from . import commands, entrances, files, folders
 from .tries import Draw, Try, carried_out
 
 FAMILIES: dict[str, Draw] = {
     **commands.FAMILIES,
     **files.FAMILIES,
     **folders.FAMILIES,
+    **entrances.FAMILIES,
 }
 
 

@@ -17,17 +17,41 @@ import numpy as np
 from nsaid_mj.base.bounds import shown
 from nsaid_mj.clinic.identify.measured import LiveRobot, measured_scenario
 from nsaid_mj.clinic.session import Session
-from nsaid_mj.lab.evaluation.summary import summary_of
 from nsaid_mj.lab.postprocessing import finish
 from nsaid_mj.lab.scenario import field_at
 from nsaid_mj.robots.assets import scenarios
 
 from ..support.faulty import strict
 from . import fields, texts
-from .tries import Draw, Kind, nsaid, typed
+from .tries import Draw, Kind, drawn_number, nsaid, typed
 
-_NUMBERS = ("0", "-1", "nan", "inf", "1e300", "5e-324", "1e12", "2**31", "1.5", "9" * 400, "-0.0")
-_WORDS = ("", "x", "[/x]", "[red]", "\udcff", "ünicode", "a" * 3000, "--", "-", "None", "{}", "*")
+ODD_NUMBERS = (
+    "0",
+    "-1",
+    "nan",
+    "inf",
+    "1e300",
+    "5e-324",
+    "1e12",
+    "2**31",
+    "1.5",
+    "9" * 400,
+    "-0.0",
+)
+ODD_WORDS = (
+    "",
+    "x",
+    "[/x]",
+    "[red]",
+    "\udcff",
+    "ünicode",
+    "a" * 3000,
+    "--",
+    "-",
+    "None",
+    "{}",
+    "*",
+)
 _LAWS = ("paper", "cone", "memory", "efficient")
 
 
@@ -55,7 +79,7 @@ def runs(rng: random.Random, here: Path) -> Kind:
     paths = [path for path in paths if isinstance(field_at(scenario, path), numbers)]
     words = ["run", name, *_SHORT, "--quiet", "--law", rng.choice(_LAWS), "--out", "run"]
     for path in rng.sample(paths, rng.choice((1, 1, 2))):
-        number = repr(10 ** rng.uniform(-16, 16)) if rng.random() < 0.5 else rng.choice(_NUMBERS)
+        number = repr(drawn_number(rng)) if rng.random() < 0.5 else rng.choice(ODD_NUMBERS)
         words.append(f"--{path}={number}")
     if rng.random() < 0.3:
         words += ["--sensors", "noisy"]
@@ -96,17 +120,33 @@ _OF_FLAGS = {
     "--out": _PLACES,
     "--run": _PLACES,
 }
-_WORK = (
-    "nsaid_mj.lab.loop.run",
-    "nsaid_mj.plans.studies.compare.run_comparison",
+REACHED = (
+    "nsaid_mj.lab.run",
+    "nsaid_mj.clinic.session.Session",
+    "nsaid_mj.clinic.commands.identify._identify",
+    "nsaid_mj.clinic.commands.identify._inspected",
+    "nsaid_mj.plans.excite.command._designed_in",
+    "nsaid_mj.plans.studies.compare.compare",
     "nsaid_mj.plans.studies.sweep.run_sweep",
     "nsaid_mj.plans.studies.montecarlo_results.rows_of",
-    "nsaid_mj.clinic.identify.identify.identify",
+    "nsaid_mj.plans.track.run.courses",
 )
+"""Functions that do the work of commands."""
 
 
 class Reached(Exception):
     """A command line got as far as the work itself."""
+
+
+def reaching(words: list[str], folder: Path, work: tuple[str, ...]) -> str:
+    """What goes wrong in a command up to where it would call one of the functions `work`."""
+    with contextlib.ExitStack() as stack:
+        for name in work:
+            stack.enter_context(mock.patch(name, side_effect=Reached))
+        try:
+            return nsaid(words, folder).wrong
+        except Reached:
+            return ""
 
 
 def commands(rng: random.Random, here: Path) -> Kind:
@@ -117,24 +157,14 @@ def commands(rng: random.Random, here: Path) -> Kind:
     if word in ("run", "verify", "compare", "sweep", "montecarlo"):
         line.append(rng.choice([*scenarios(), "no_such", "", "file", "x.py"]))
     for flag in rng.choices(_FLAGS[word] or ("--x",), k=rng.choice((0, 1, 1, 2, 3))):
-        values = _OF_FLAGS.get(flag, ()) + _NUMBERS + _WORDS
+        values = _OF_FLAGS.get(flag, ()) + ODD_NUMBERS + ODD_WORDS
         line += [flag, *rng.choice(([], [rng.choice(values)]))]
     if word in ("run", "sweep") and line[1] in scenarios() and rng.random() < 0.5:
-        line += [f"--{rng.choice(fields.places(line[1]))}", rng.choice(_NUMBERS + _WORDS)]
+        line += [f"--{rng.choice(fields.places(line[1]))}", rng.choice(ODD_NUMBERS + ODD_WORDS)]
     if rng.random() < 0.1:
         rng.shuffle(line)
 
-    def check() -> str:
-        with contextlib.ExitStack() as stack:
-            for name in _WORK:
-                with contextlib.suppress(AttributeError):
-                    stack.enter_context(mock.patch(name, side_effect=Reached))
-            try:
-                return nsaid(line, here).wrong
-            except Reached:
-                return ""
-
-    return Kind(repr(line), check)
+    return Kind(repr(line), lambda: reaching(line, here, REACHED))
 
 
 _OPTIONS = {
@@ -188,6 +218,9 @@ def options(rng: random.Random, here: Path) -> Kind:
     words = ["identify", "--model", "two.urdf", "--log", "log.csv", "--json", "--out", "out"]
     for option in rng.sample(list(_OPTIONS), rng.choice((1, 1, 2))):
         words.append(f"{option}={rng.choice(_OPTIONS[option])}")
+    if rng.random() < 0.3:
+        option = rng.choice(("--known=gain_1", "--delay", "--cutoff", "--limit"))
+        words.append(f"{option}={drawn_number(rng)!r}")
 
     def check() -> str:
         ended = nsaid(words, here)
@@ -257,7 +290,8 @@ def samples(rng: random.Random, here: Path) -> Kind:
         parts |= {"v": (4.8 * np.cos(phase)).tolist(), "u": (5 * np.sin(phase)).tolist()}
         lines.append(parts)
     for _ in range(rng.choice((0, 1, 1, 3, 20))):
-        rng.choice(lines)[rng.choice("tqvu")] = rng.choice(_PARTS)
+        odd = [drawn_number(rng), drawn_number(rng)]
+        rng.choice(lines)[rng.choice("tqvu")] = rng.choice((*_PARTS, odd, odd, odd[0]))
     sent = [json.dumps(parts).encode() for parts in lines]
     for _ in range(rng.choice((0, 0, 1, 3, 12))):
         sent.insert(rng.randrange(len(sent) + 1), rng.choice(_LINES))
@@ -268,7 +302,7 @@ def samples(rng: random.Random, here: Path) -> Kind:
         shutil.rmtree(here / "out", ignore_errors=True)
         (here / "out").mkdir()
         run = session.run(io.BytesIO(b"\n".join(sent)), here / "out", lambda _: None)
-        summary = summary_of(finish(run))
+        summary = finish(run).summary()
         json.dumps(summary, allow_nan=False)
         counted = sum(run.stream[key] for key in run.stream if key not in ("gaps", "missing"))
         lost = len([line for line in sent if line.strip()]) - counted

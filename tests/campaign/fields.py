@@ -23,6 +23,8 @@ from nsaid_mj.lab.options import parse_flags
 from nsaid_mj.lab.scenario import field_at, field_paths, with_fields
 from nsaid_mj.robots.assets import scenarios
 
+from .tries import drawn_number
+
 NAN, INF = float("nan"), float("inf")
 VALUES: tuple[Any, ...] = (
     0,
@@ -167,7 +169,7 @@ def drawn(rng: random.Random) -> tuple[str, str, dict[str, Any]]:
             other = rng.choice(list(scenarios()))
             values[path] = field_at(packed(other), rng.choice(places(other)))
         elif kind < 0.2:
-            values[path] = rng.choice((-1, 1)) * 10 ** rng.uniform(-320, 308)
+            values[path] = drawn_number(rng)
         elif kind < 0.35:
             values[path] = 10 ** rng.uniform(-6, 16)
         else:

@@ -46,6 +46,11 @@ class Kind(NamedTuple):
     check: Callable[[], str]
 
 
+def drawn_number(rng: random.Random) -> float:
+    """A number of any size that a float can have, from 5e-324 to 1e308, of either sign."""
+    return rng.choice((1.0, 1.0, -1.0)) * max(10 ** rng.uniform(-324, 308), 5e-324)
+
+
 Draw = Callable[[random.Random, Path], Kind]
 """Draws a try, which may use the empty folder."""
 

@@ -16,10 +16,11 @@ import nsaid_mj
 from nsaid_mj import ArmPlant, NullspaceAID, Scenario
 from nsaid_mj.base import sign, write_json
 from nsaid_mj.cli import grammar
+from nsaid_mj.cli.commands import title_of
 from nsaid_mj.cli.grammar import RunOptions
 from nsaid_mj.clinic.commands import identify as identifying
 from nsaid_mj.lab.evaluation.summary import result_from
-from nsaid_mj.lab.folders import folder_for, title_of
+from nsaid_mj.lab.folders import folder_for
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.options import MAIN, parse_flags, repeated_flags
 from nsaid_mj.lab.scenario import field_paths

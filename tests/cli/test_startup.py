@@ -12,8 +12,8 @@ import pytest
 from nsaid_mj.base.choices import CHOICES
 from nsaid_mj.clinic.identify.choose.columns import COLUMNS, EXTRA
 from nsaid_mj.core.laws.config import NullspaceAID
-from nsaid_mj.lab.baselines import BATCH
 from nsaid_mj.lab.control.adaptive.tracker import Law
+from nsaid_mj.plans.baselines import BATCH
 from nsaid_mj.robots.assets import scenarios
 from nsaid_mj.robots.errors import BadRobot
 from nsaid_mj.robots.loading import load_robot
@@ -208,7 +208,7 @@ def test_a_simulated_run_enters_nothing_of_logs_of_real_robots_or_of_other_plans
     assert code in (0, 1)
     houses = {name.partition(".")[0] for name in files(modules)}
     assert not houses & {"clinic", "plans"}
-    others = {"lab.baselines", "lab.plants.uvms", "lab.control.quadrotor", "robots.mjcf"}
+    others = {"plans.baselines", "lab.plants.uvms", "lab.control.quadrotor", "robots.mjcf"}
     assert not others & set(files(modules))
 
 

@@ -17,8 +17,8 @@ from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.evaluation.figures import held_out_rows, residual_ratio
 from nsaid_mj.lab.evaluation.lyapunov import energy
-from nsaid_mj.lab.evaluation.summary import result_from, summary_of
-from nsaid_mj.lab.evaluation.truth import truth_of
+from nsaid_mj.lab.evaluation.summary import result_from
+from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import SimulatedRun, run
 from nsaid_mj.lab.options import parse_flags
@@ -195,10 +195,10 @@ def test_before_the_fault_the_record_is_the_sound_runs(failed: SimulatedRun, sou
 def test_the_estimate_is_judged_against_the_truth_at_the_end(
     failed: SimulatedRun, sound: SimulatedRun
 ):
-    summary, plain = summarize(failed, truth_of(failed)), summarize(sound, truth_of(sound))
+    summary, plain = summarize(failed, Truth.of(failed)), summarize(sound, Truth.of(sound))
     assert summary["fault"] == "thrust_3 loses 40 % at 12 s" and summary["mismatch"] == []
     assert plain["fault"] == ""
-    after = truth_of(failed).theta
+    after = Truth.of(failed).theta
     assert (after == failed.plant.truth_at(24.0)).all() and (after != failed.plant.truth).any()
     assert [row["true"] for row in summary["parameters"]] == after.tolist()
     initial = plain["theta_perp_ratio_initial"]  # of the same prior, rounded along another path
@@ -214,10 +214,10 @@ def test_the_estimate_is_judged_against_the_truth_at_the_end(
 
 
 def test_the_held_out_trajectory_has_the_fault_from_its_start(failed: SimulatedRun):
-    later, system = truth_of(failed).held_out, failed.plant.system
+    later, system = Truth.of(failed).held_out, failed.plant.system
     weak, sound = (
         residual_ratio(system, held_out_rows(system, later, None), theta)
-        for theta in (truth_of(failed).theta, failed.plant.truth)
+        for theta in (Truth.of(failed).theta, failed.plant.truth)
     )
     assert weak is not None and sound is not None
     assert weak < 1e-3  # v̇ is a difference here
@@ -225,10 +225,10 @@ def test_the_held_out_trajectory_has_the_fault_from_its_start(failed: SimulatedR
 
 
 def test_a_jump_of_v_at_the_fault_is_no_violation(failed: SimulatedRun):
-    V, t = energy(failed, truth_of(failed)), failed.record["t"]
+    V, t = energy(failed, Truth.of(failed)), failed.record["t"]
     assert (np.flatnonzero(np.diff(V) > 0) == [np.searchsorted(t, 12.0 - 1e-9) - 1]).all()
-    assert summarize(failed, truth_of(failed))["lyapunov_violations"] == 0
-    far = truth_of(failed).distance(t, failed.record["theta_hat"])
+    assert summarize(failed, Truth.of(failed))["lyapunov_violations"] == 0
+    far = Truth.of(failed).distance(t, failed.record["theta_hat"])
     strike = np.searchsorted(t, 12.0 - 1e-9)
     assert far[strike] > 1.2 * far[strike - 1] and far[-1] < far[strike]
 
@@ -251,7 +251,7 @@ def test_a_gain_lost_in_mid_run_is_followed_and_the_others_come_back(law, seed, 
     identifier = replace(base.identifier, law=law)
     done = run(replace(base, plant=lost, identifier=identifier, duration=90.0, seed=seed), tmp_path)
     k, since = done.plant.system.space.actuators, done.plant.epoch(done.record["t"]) > 0
-    ratio = done.record["theta_hat"][since][:, k] / truth_of(done).theta[k]
+    ratio = done.record["theta_hat"][since][:, k] / Truth.of(done).theta[k]
     own, others = ratio[:, 2], np.delete(ratio, 2, axis=1)
     own, others = (part / others.mean(axis=1, keepdims=True) for part in (own[:, None], others))
     assert own[0] > 1.6  # the estimate has not seen it yet
@@ -261,11 +261,11 @@ def test_a_gain_lost_in_mid_run_is_followed_and_the_others_come_back(law, seed, 
 
 
 def test_recording_report_and_rebuild_include_the_fault(failed: SimulatedRun):
-    summary = summary_of(postprocessing.finish(failed))
+    summary = postprocessing.finish(failed).summary()
     assert "thrust_3 loses 40\N{NO-BREAK SPACE}% at 12 s" in (
         failed.folder / "report.html"
     ).read_text("utf-8")
-    again = summary_of(postprocessing.rebuild(failed.folder))
+    again = postprocessing.rebuild(failed.folder).summary()
     rounded = {"identifier_us_per_step", "plant_us_per_step"}  # times over steps, times steps
     assert {k: again[k] for k in again.keys() - rounded} == {
         k: summary[k] for k in summary.keys() - rounded
@@ -275,8 +275,8 @@ def test_recording_report_and_rebuild_include_the_fault(failed: SimulatedRun):
 def test_a_run_that_ends_before_the_fault_is_judged_as_sound(tmp_path):
     early = replace(BASE, duration=4.0, plant=BlueROV2Plant(faults=(FAULT,)))
     done = run(early, tmp_path)
-    assert (truth_of(done).theta == done.plant.truth).all()
-    later = truth_of(done).held_out
+    assert (Truth.of(done).theta == done.plant.truth).all()
+    later = Truth.of(done).held_out
     rows = held_out_rows(done.plant.system, later, None)
     residual = residual_ratio(done.plant.system, rows, done.plant.truth)
     assert residual is not None and residual < 1e-3

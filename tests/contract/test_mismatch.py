@@ -15,7 +15,7 @@ from nsaid_mj.cli.commands import command
 from nsaid_mj.cli.grammar import RunOptions
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.lab.evaluation.summary import result_from
-from nsaid_mj.lab.evaluation.truth import truth_of
+from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.options import parse_flags
@@ -293,7 +293,7 @@ def test_the_summary_lists_every_mismatch_and_the_sensors_noise_by_itself(tmp_pa
         ),
     ):
         done = run(replace(scenario, sensors=sensors, noise=noise), tmp_path / sensors)
-        summary = summarize(done, truth_of(done))
+        summary = summarize(done, Truth.of(done))
         assert summary["sensor_noise"] == words
         assert summary["mismatch"] == [
             "actuators lag by 0.1 s",
@@ -302,7 +302,7 @@ def test_the_summary_lists_every_mismatch_and_the_sensors_noise_by_itself(tmp_pa
             "MuJoCo's ellipsoid fluid instead of the structure's",
         ]
     exact = run(replace(load("bluerov2"), **SHORT), tmp_path / "exact")
-    assert summarize(exact, truth_of(exact))["mismatch"] == []
+    assert summarize(exact, Truth.of(exact))["mismatch"] == []
 
 
 def test_a_mismatch_changes_the_record_and_not_the_prior(tmp_path):

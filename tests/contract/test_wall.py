@@ -90,7 +90,12 @@ def design(identifier: Identifier) -> list[Any]:
 
 @pytest.mark.parametrize("gamma", ["scale", "simulated"])
 @pytest.mark.parametrize("law", ["paper", "cone", "memory"])
-@pytest.mark.parametrize("name", ["scalar_rov", "ur5", "bluerov2", "crazyflie", "remus100"])
+@pytest.mark.parametrize(
+    "name",
+    # a design looks at the prior of a family, of which there are three: links, bodies, one number
+    ["scalar_rov", "ur5", "bluerov2"]
+    + [pytest.param(name, marks=pytest.mark.slow) for name in ("crazyflie", "remus100")],
+)
 def test_one_prior_gives_one_design_whatever_the_truth(name, law, gamma):
     """K, Γ, μ and the scale are the same to the bit on two plants of one structure."""
     scenario = replace(load(name), **SHORT)

@@ -22,7 +22,7 @@ from nsaid_mj.core.structure.joints import JointTree
 from nsaid_mj.lab.control.driver import Driver
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.plants.arm import true_model
-from nsaid_mj.lab.setup import EXACT_SENSORS, Setup, trajectory
+from nsaid_mj.lab.setup import Setup
 
 FLYING = ("hummingbird", "crazyflie")
 FLOATING = ("bluerov2", "uvms", "remus100", "catamaran", "f1tenth", "bmw320i")
@@ -115,7 +115,7 @@ def _run(setup: Setup, which: int, seconds: float) -> Log:
 def _followed(setup: Setup, driver: Driver, seconds: float) -> Log:
     dt = setup.scenario.dt
     with setup.plant.running():
-        log = trajectory(setup.plant, driver, round(seconds / dt), EXACT_SENSORS)
+        log = setup.plant.trajectory(driver, round(seconds / dt))
     every = max(1, round(1 / (_RATE * dt)))
     return Log(*(part[::every] for part in log))
 

@@ -14,7 +14,7 @@ from nsaid_mj.core.log import Log
 from nsaid_mj.lab.control.driver import Driver
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.plants.world.sensors import Sensors
-from nsaid_mj.lab.setup import Setup, is_sound
+from nsaid_mj.lab.setup import Setup
 from nsaid_mj.robots.errors import BadRobot
 
 from .cases import Case
@@ -180,6 +180,6 @@ def _log(
         if stepper and isinstance(stepper.force, Transmission):
             stepper.force.reset()
         log = plant.drive(driver, first, round(duration / setup.scenario.dt), sensors)
-    if not is_sound(plant, log):
+    if not plant.is_sound(log):
         raise NotRun(f"the plant diverged at {log.t[-1]:.3g} s")
     return log

@@ -28,7 +28,7 @@ Array = np.ndarray
 
 _CONTROL = 1e-3  # period of the PD controllers [s]
 _STEP = 5e-4  # MuJoCo's time step [s]
-_LEANING = 3.0  # time constant with which a biped shifts its weight until its ankles rest [s]
+_PULLING = 9.0  # period with which something pulls at a leg [s]
 
 
 @dataclass(frozen=True)
@@ -124,6 +124,7 @@ class WalkingLog:
         late: time from a command in the log to the motors [s].
         zeros: largest error of each joint's zero [rad].
         on_stand: whether the base is held, level.
+        pulled: sideways force on the first leg's last link, during a third of the log [N].
     """
 
     robot: str = "go2"
@@ -146,6 +147,7 @@ class WalkingLog:
     late: float = 0.0
     zeros: float = 0.0
     on_stand: bool = False
+    pulled: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -430,8 +432,8 @@ def _simulated(
     lag = round(what.late / _CONTROL)
     torques = [np.zeros(len(joints))] * lag
     substeps = round(_CONTROL / _STEP)
-    balance = Balance(joints, size) if legged.sole else None
     feet = [model.geom(name).id for name in legged.feet]
+    held = model.geom(legged.feet[0]).bodyid[0]
     rows = np.empty((count, 1 + 3 * len(joints) + 10))
     forces = np.zeros((count, len(feet), 6))
     base = np.empty((count, 7))
@@ -439,12 +441,9 @@ def _simulated(
     for k in range(count * every):
         logged = k % every == 0
         if what.command == "torque":
-            leant = targets[k] if balance is None else targets[k] + balance(u)
-            u = size.kp * (leant - data.qpos[at]) - size.kv * data.qvel[moving]
+            u = size.kp * (targets[k] - data.qpos[at]) - size.kv * data.qvel[moving]
         elif logged:
             u = targets[k]
-            if balance is not None:
-                u = u + balance(data.actuator_force, every)
         if lag:
             torques.append(u)
             data.ctrl[:] = torques.pop(0)
@@ -457,33 +456,9 @@ def _simulated(
             rows[row, 1:] = np.r_[data.qpos[at], data.qvel[moving], u, data.sensordata]
             base[row] = data.qpos[:7]
             forces[row] = _contact_forces(model, data, feet)
+        data.xfrc_applied[held, 1] = what.pulled * (ticks[k] % _PULLING > _PULLING * 2 / 3)
         mujoco.mj_step(model, data, substeps)
     return _measured(rows, what, truth, len(joints), rng), forces, base
-
-
-class Balance:
-    """Leans a biped until its ankles need no torque: soles stay flat, the base moves over them."""
-
-    def __init__(self, joints: list[str], size: Size):
-        self._pairs = [
-            [
-                [k for k, name in enumerate(joints) if part in name]
-                for part in (f"hip_{axis}", f"ankle_{axis}")
-            ]
-            for axis in ("roll", "pitch")
-        ]
-        self._share = _CONTROL / (size.weight * _LEANING)
-        self._angles = np.zeros(2)
-        self._lean = np.zeros(len(joints))
-
-    def __call__(self, torque: Array, ticks: int = 1) -> Array:
-        """(k,) change of the joints' targets, under motor torques (k,)."""
-        for axis, (hips, ankles) in enumerate(self._pairs):
-            self._angles[axis] -= ticks * self._share * torque[ankles].sum()
-            self._angles[axis] = np.clip(self._angles[axis], -0.1, 0.1)
-            self._lean[hips] = self._angles[axis]
-            self._lean[ankles] = -self._angles[axis]
-        return self._lean
 
 
 def _contact_forces(model: Any, data: Any, feet: list[int]) -> Array:

@@ -85,8 +85,7 @@ def test_a_full_cache_is_told_and_the_kernel_works(script: Path, tmp_path: Path)
     cache, limited = tmp_path / "cache", tmp_path / "limited.py"
     limited.write_text(KERNEL.format(before=full))
     assert called(limited, cache) == {"NoKernelCache True"}
-    assert called(limited, cache) == {"NoKernelCache True"}
-    assert called(script, cache) == {"True"}
+    assert called(script, cache) == {"True"}  # nothing was kept
 
 
 SHARED = """
@@ -107,10 +106,10 @@ def test_processes_that_compile_for_one_cache_lose_and_mix_up_nothing(tmp_path: 
     script.write_text(SHARED)
     words = [sys.executable, str(script)]
     environment = {**os.environ, "PYTHONPATH": str(CHECKOUT), "NUMBA_CACHE_DIR": str(cache)}
-    shares = [[str(k) for k in range(first, 13, 3)] for first in (1, 2, 3)]
+    shares = [[str(k) for k in range(first, 7, 3)] for first in (1, 2, 3)]
     at_once = [subprocess.Popen([*words, *share], env=environment) for share in shares]
     assert [process.wait() for process in at_once] == [0, 0, 0]
-    words += [str(k) for k in range(1, 13)]
+    words += [str(k) for k in range(1, 7)]
     after = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
     assert after.stdout.strip() == "False"
 

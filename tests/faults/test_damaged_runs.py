@@ -16,14 +16,14 @@ from nsaid_mj.base.errors import BadRun, InvalidInput, NsaidError
 from nsaid_mj.clinic.logs.formats.run import read as read_log
 from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.evaluation.page import brief
-from nsaid_mj.lab.evaluation.summary import result_from, summary_of
-from nsaid_mj.lab.evaluation.verify import verify_folder
+from nsaid_mj.lab.evaluation.summary import result_from
+from nsaid_mj.lab.evaluation.verify import Verification
 from tests.support.faulty import ROV
 
 READERS: dict[str, Callable[[Path], object]] = {
     "read": read_log,
     "rebuild": postprocessing.rebuild,
-    "verify": verify_folder,
+    "verify": Verification.of_folder,
 }
 
 
@@ -136,7 +136,7 @@ def test_no_changed_value_of_a_summary_ends_in_a_traceback(made: Path):
             continue
         taken += 1
         assert result.verdict
-        json.dumps(summary_of(result), allow_nan=False)
+        json.dumps(result.summary(), allow_nan=False)
         brief("robot", result).markdown()
     assert refused > 500 and taken > 50
 

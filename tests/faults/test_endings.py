@@ -19,7 +19,7 @@ from nsaid_mj import ConventionalAID, NullspaceAID, Scenario
 from nsaid_mj.core.laws.base import Status
 from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.control import multisine, series
-from nsaid_mj.lab.evaluation.summary import result_from, summary_of
+from nsaid_mj.lab.evaluation.summary import result_from
 from nsaid_mj.lab.loop import Observer, run
 from nsaid_mj.lab.plants.world.noise import SensorNoise
 from nsaid_mj.lab.record import BATCH_SECONDS, Record
@@ -256,7 +256,7 @@ def test_a_rebuilt_faulty_run_keeps_its_status(ended: Ended, capfd: object) -> N
         if ended.fault.status is Status.interrupted:
             patch.undo()  # it would interrupt the held-out trajectory too
         patch.setattr("nsaid_mj.report.drawings.draw", lambda panel: "<svg></svg>")  # as before
-        after = summary_of(postprocessing.rebuild(ended.folder))
+        after = postprocessing.rebuild(ended.folder).summary()
     keys = (
         "status",
         "status_time",
@@ -301,7 +301,7 @@ def test_too_fast_an_adaptation_is_reported_even_at_the_last_step(tmp_path: Path
 def test_a_failing_rival_does_not_end_the_run(tmp_path: Path) -> None:
     rivals = {"fast": NullspaceAID(K=10.0, gain=300.0), "known": ConventionalAID(K=10.0, gain=1.0)}
     result = run(replace(ROV, rivals=rivals), tmp_path)
-    summary = summary_of(postprocessing.finish(result))
+    summary = postprocessing.finish(result).summary()
     assert summary["status"] == "completed" and len(result.record) == ROV.steps + 1
     assert summary["rivals"]["fast"]["status"] == Status.estimate_not_positive_definite.words
     assert summary["rivals"]["known"]["status"] == "completed"

@@ -12,7 +12,6 @@ from nsaid_mj import NsaidError
 from nsaid_mj.base.errors import FolderInUse
 from nsaid_mj.base.signatures import SIGNATURES
 from nsaid_mj.lab import postprocessing
-from nsaid_mj.lab.evaluation.summary import summary_of
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.record import RECORD_FILE, Record
 from nsaid_mj.lab.recording import live
@@ -44,12 +43,12 @@ def test_other_files_in_the_folder_are_kept(tmp_path: Path) -> None:
 
 
 def test_a_rebuilt_run_has_the_same_summary(tmp_path: Path) -> None:
-    before = summary_of(postprocessing.finish(run(SHORT, tmp_path)))
+    before = postprocessing.finish(run(SHORT, tmp_path)).summary()
     record = (tmp_path / RECORD_FILE).read_bytes()
     for name in FILES:
         if name not in (SIGNATURES, RECORD_FILE, postprocessing.SUMMARY):
             (tmp_path / name).unlink()
-    after = summary_of(postprocessing.rebuild(tmp_path))
+    after = postprocessing.rebuild(tmp_path).summary()
     assert after["status"] == "completed"
     cost = ("wall_s", "real_time_factor", "identifier_us_per_step", "plant_us_per_step")
     assert {key: after[key] for key in cost} == pytest.approx({key: before[key] for key in cost})

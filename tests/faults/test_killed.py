@@ -165,7 +165,11 @@ def running(endless: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 @pytest.mark.parametrize(
-    "how", [signal.SIGINT, signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.slow)]
+    "how",  # of the others, one ends a sweep in test_processes.py
+    [
+        signal.SIGINT,
+        *(pytest.param(s, marks=pytest.mark.slow) for s in (signal.SIGTERM, signal.SIGHUP)),
+    ],
 )
 def test_ctrl_c_ends_a_run_with_all_its_files(
     how: signal.Signals, running: subprocess.Popen[str], endless: Path

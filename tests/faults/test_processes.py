@@ -113,7 +113,7 @@ def test_ctrl_c_while_finishing_names_how_to_finish(
 
 
 def test_ctrl_c_ends_a_monte_carlo_study_soon(tmp_path: Path) -> None:
-    words = ("montecarlo", "ur5", "--runs", "100000", "--jobs", "2", "--duration", "1")
+    words = ("montecarlo", "scalar_rov", "--runs", "100000", "--jobs", "2", "--duration", "1")
     rows = tmp_path / "out" / "rows.jsonl"
     process = start(*words, "--out", tmp_path / "out", cwd=tmp_path)
     try:

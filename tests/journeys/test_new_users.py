@@ -1,9 +1,9 @@
 """First paths of new users: the commands of the docs, word for word, and what they lead to.
 
 Seven users: here the student with the paper, an ROV's engineer with pulse widths, the owner of a
-robot with legs, and a lead engineer with a script. The owner of an arm with currents is in
-tests/test_readme.py (`test_the_newcomers_path_leads_to_a_calibrated_robot`), of an arm of position
-servos in tests/cli/test_servos.py
+robot with legs, and a reviewer. The owner of an arm with currents and the lead engineer with a
+typed script are in tests/test_readme.py (`test_the_newcomers_path_leads_to_a_calibrated_robot`)
+and tests/test_types.py, of an arm of position servos in tests/cli/test_servos.py
 (`test_three_commands_lead_from_a_lerobot_dataset_to_a_calibrated_file`), of a quadrotor with a ULog
 in tests/clinic/identify/test_flight.py (`test_two_commands_lead_from_a_px4_log_to_thrust_ratios`),
 and of a robot of MuJoCo Menagerie in tests/clinic/servos/test_menagerie.py.

@@ -12,7 +12,7 @@ from nsaid_mj.core.laws.base import Status
 from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.core.parameters import Array
-from nsaid_mj.lab.evaluation.truth import truth_of
+from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.scenario import Scenario
 from tests.support.bench import TwoVehicles, bench, simulate
@@ -41,7 +41,7 @@ def test_46_margin_is_the_one_of_its_definition(tmp_path: Path, error: float, ho
         held_out=5.0,
     )
     result = run(scenario, tmp_path)
-    summary = summarize(result, truth_of(result))
+    summary = summarize(result, Truth.of(result))
     Gamma = 0.1 * table.system.space.scale**2
     dtheta, truth = result.prior - result.plant.truth, result.plant.truth
     reach = np.sqrt(Gamma.max() * np.sum(dtheta**2 / Gamma))

@@ -11,7 +11,6 @@ from nsaid_mj.core.nullspace.persistence import PersistenceMonitor
 from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.lab.control.driver import Driver
-from nsaid_mj.lab.setup import trajectory
 from tests.support.bench import TwoVehicles, bench, columns, estimates, simulate
 
 TWO = np.array([2.0, 1.5, 1.0, 3.0, 1.0, 0.8, -1.2, 2.0])  # the true θ of both vehicles
@@ -106,7 +105,7 @@ def test_theorem_2_fails_at_rest():
             return hover
 
     with plant.running():
-        samples = trajectory(plant, Hover(), 6000).rows
+        samples = plant.trajectory(Hover(), 6000).rows
     t, x, v, u = columns(samples)
     assert np.abs(v).max() < 1e-12
     W = system.regressor(t, x, v, 0 * v, u) * system.space.scale

@@ -11,7 +11,7 @@ from nsaid_mj.core.laws.base import State, Status
 from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.core.nullspace.subspace import Nullspace
-from nsaid_mj.lab.evaluation.truth import truth_of
+from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.plants.world.noise import SensorNoise
@@ -26,7 +26,7 @@ def memorised(name: str, folder, **changes) -> dict[str, Any]:
     assert isinstance(scenario.identifier, NullspaceAID)
     law = replace(scenario.identifier, law="memory")
     done = run(replace(scenario, identifier=law, **changes), folder)
-    summary = summarize(done, truth_of(done))
+    summary = summarize(done, Truth.of(done))
     assert summary["status"] == "completed" and summary["law"] == "memory"
     assert summary["theta_perp_ratio_initial"] > 0.05
     return summary
@@ -129,7 +129,7 @@ def longest(above: np.ndarray) -> int:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("sensors", ["ideal", "noisy"])
+@pytest.mark.parametrize("sensors", [pytest.param("ideal", marks=pytest.mark.slow), "noisy"])
 @pytest.mark.parametrize("name", GENTLE)
 def test_a_change_of_excitation_forgets_nothing_and_harms_nothing(name, sensors, seed):
     found, _ = distances(replace(load(name), sensors=sensors, seed=seed))

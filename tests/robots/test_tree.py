@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.lab.plants.world.coordinates import JointMap
-from nsaid_mj.lab.plants.world.quiet import quiet
+from nsaid_mj.robots import quiet
 from nsaid_mj.robots.loading import load_robot, robot_file
 from nsaid_mj.robots.tree import rigid_tree, tree_spec
 

@@ -27,7 +27,6 @@ from nsaid_mj.lab.plants.scalar_rov import ScalarRovPlant
 from nsaid_mj.lab.plants.vehicles import AstrobeePlant, BlueROV2Plant
 from nsaid_mj.lab.plants.world.config import PlantConfig
 from nsaid_mj.lab.plants.world.plant import Plant
-from nsaid_mj.lab.setup import trajectory
 
 
 @dataclass(frozen=True)
@@ -76,7 +75,7 @@ class Bench:
         prior = self.truth if prior is None else prior
         driver = self.excitation.build(self.system, prior, np.random.default_rng(seed))
         with self.plant.running():
-            return trajectory(self.plant, driver, round(seconds / self.dt)).rows
+            return self.plant.trajectory(driver, round(seconds / self.dt)).rows
 
 
 BENCHES: dict[str, Callable[[], Bench]] = {

@@ -16,7 +16,7 @@ from nsaid_mj.lab.plants.jointed import ArmPlant, FloatingBasePlant
 from nsaid_mj.lab.plants.scalar_rov import ScalarRovPlant
 from nsaid_mj.lab.plants.world.config import PlantConfig
 from nsaid_mj.lab.plants.world.plant import Plant
-from nsaid_mj.lab.setup import draw_prior, trajectory
+from nsaid_mj.lab.setup import draw_prior
 from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
 
 
@@ -103,7 +103,7 @@ def hold(plant: Plant, start: tuple[Array, Array], u: Array, seconds: float) -> 
 def drive(plant: Plant, driver: Driver, seconds: float) -> Log:
     """The exact log of some seconds under a driver."""
     with plant.running():
-        return trajectory(plant, driver, round(seconds / plant.dt))
+        return plant.trajectory(driver, round(seconds / plant.dt))
 
 
 def assert_engines_agree(

@@ -16,7 +16,6 @@ from nsaid_mj.core.parameters import Array
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.plants.world.noise import SensorNoise
 from nsaid_mj.lab.plants.world.plant import Plant
-from nsaid_mj.lab.setup import trajectory
 
 
 class Log(NamedTuple):
@@ -46,7 +45,7 @@ def driven(name: str, seconds: float, hold: int = 1, seed: Any = 0) -> Log:
     rows: list[Measurement] = []
     with plant.running():
         if hold == 1:
-            return Log(plant, dt, trajectory(plant, driver, round(seconds / dt)).rows)
+            return Log(plant, dt, plant.trajectory(driver, round(seconds / dt)).rows)
         plant.reset(*driver.start())
         for k in range(round(seconds / dt)):
             coordinates, v = plant.coordinates()

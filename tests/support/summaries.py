@@ -17,14 +17,13 @@ from nsaid_mj.lab.evaluation.statistics import (
     RunEnding,
     Unobservable,
 )
-from nsaid_mj.lab.evaluation.summary import summary_of
 from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.loop import Run, SimulatedRun
 
 
 def summarize(run: Run, truth: Truth | None) -> dict[str, Any]:
     """The content of a run's summary.json."""
-    return summary_of(evaluate(run, truth))
+    return evaluate(run, truth).summary()
 
 
 def evaluated(run: Run, truth: Truth | None) -> RunResult:

@@ -304,7 +304,7 @@ def _next(chosen: ToInspect, found: Inspection, files: Sequence[Path]) -> list[s
     if refused and not any("map.toml" in finding.remedy for finding in found.findings):
         return []  # another log is needed
     made = next((path for path in files if path.suffix == ".toml"), None)
-    own = made if chosen.fix or (refused and not chosen.map) else None
+    own = made if chosen.fix or refused else None
     own = own or chosen.map
     word = "inspect" if refused else "identify"
     words = ["nsaid", word, *map(str, chosen.logs), "--model", chosen.model]
@@ -344,7 +344,7 @@ def _inspected(chosen: ToInspect) -> tuple[Inspection, Fix | None]:
 
 
 def _files_of_inspection(chosen: ToInspect, found: Inspection, fixed: Fix | None) -> list[Path]:
-    """Draws the picture and writes a map: the mended one, or a first one if none is given."""
+    """Draws the picture and writes a map: the mended one, or a first one if columns lack in it."""
     from ...base import is_ours
     from ..identify.inspection_page import draw_inspection
     from ..logs.first_map import first_map
@@ -355,10 +355,21 @@ def _files_of_inspection(chosen: ToInspect, found: Inspection, fixed: Fix | None
     if fixed is not None and fixed.kept:
         names = chain((FIXED,), map("map-fixed-{}.toml".format, count(2)))
         files.append(_write_map(chosen.out, names, fixed.text))
-    elif found.robot is not None and chosen.map is None and not _packed(chosen.logs):
+    elif found.robot is not None and _without_columns(chosen.map) and not _packed(chosen.logs):
         names = chain((MAP, "map-new.toml"), map("map-new-{}.toml".format, count(2)))
-        files.append(_write_map(chosen.out, names, first_map(found.tables, found.robot)))
+        times = chosen.map.read_text("utf-8") if chosen.map else ""
+        files.append(_write_map(chosen.out, names, first_map(found.tables, found.robot, times)))
     return files
+
+
+def _without_columns(mapping: Path | None) -> bool:
+    """Whether there is no map, or one that states nothing but the times of the files."""
+    from ..logs.mapping import Map, read_map
+
+    if mapping is None:
+        return True
+    own = read_map(mapping)
+    return own == Map(time=own.time, files=own.files)
 
 
 def _packed(logs: tuple[Path, ...]) -> bool:

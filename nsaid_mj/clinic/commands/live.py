@@ -47,7 +47,7 @@ def _source(chosen: ToFollow) -> Lines:
 
 def _follow_law(chosen: ToFollow, given: Lines | None) -> int:
     """Follows the samples with a law; `given` are those that a first one was read of, if any."""
-    from ...lab import Progress, finish, print_result, summary_of
+    from ...lab import Progress, finish, print_result
     from ..identify.measured import LiveRobot, measured_scenario
     from ..session import Session
 
@@ -82,7 +82,7 @@ def _follow_law(chosen: ToFollow, given: Lines | None) -> int:
         with Progress(name, quiet=quiet) as progress:
             result = finish(run, progress.say, command)
     if chosen.json:
-        found = {"summary": summary_of(result)}
+        found = {"summary": result.summary()}
         print(json.dumps(found, ensure_ascii=False, allow_nan=False))
     elif not chosen.quiet:
         print_result(f"{name} live", result, folder)

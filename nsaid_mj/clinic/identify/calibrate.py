@@ -13,7 +13,7 @@ from ..logs import signals
 from ..logs.recordings import Recordings
 from ..logs.unusable import UnusableLog
 from .choose.structured import structured
-from .dry_mass import added_mass, of_parameters, stated_mass, with_dry_mass
+from .dry_mass import added_mass, of_parameters, off_file, stated_mass, with_dry_mass
 from .fit import Fit, Precision, minimise, precision, tempered, tempered_fit
 from .hypotheses import without_contradicted
 from .identifiability import (
@@ -71,6 +71,7 @@ def calibrate(
     known = dict(options.known)
     dry = stated_mass(robot, known)
     if dry is not None:
+        options = replace(options, apart=max(options.apart, off_file(robot, dry)))
         robot = with_dry_mass(robot, dry)
     check_loads(options.loads, [segment.source for segment in recordings.segments])
     for payload in carried_by(robot, options.loads):
@@ -211,7 +212,7 @@ def _identification(
         theta=fit.theta,
         deviation=exact.deviation,
         covariance=exact.covariance,
-        friction=nearest_friction(problem, fit.theta),
+        friction=nearest_friction(problem, fit.theta, len(robot.joints)),
         statistics=statistics_of(joints),
         predictions=_curves(problem, fit.theta, recordings),
         validation=checked,
@@ -298,16 +299,29 @@ def structure_checks(names: tuple[str, ...], held_out: Array) -> list[Finding]:
         "the structure does not explain this motion: held-out NRMSE {:.0f} %, where predicting the "
         "mean gives 100 %"
     )
-    remedy = (
-        "Check its axis in the model, its unit and sign in the map, and whether anything touched "
-        "the robot."
-    )
     pairs = zip(names, held_out.tolist(), strict=True)
     return [
-        Finding("warning", "unexplained", name, text.format(100 * x), remedy, {"nrmse": x})
+        Finding(
+            "warning",
+            "unexplained",
+            name,
+            text.format(100 * x),
+            _OF_BASE if name.startswith("base ") else _OF_JOINT,
+            {"nrmse": x},
+        )
         for name, x in pairs
         if x >= _POOR
     ]
+
+
+_OF_JOINT = (
+    "Check its axis in the model, its unit and sign in the map, and whether anything touched the "
+    "robot."
+)
+_OF_BASE = (
+    "Check where the feet are in the model, the length of its shanks, and whether anything but the "
+    "feet touched something."
+)
 
 
 def _doubted(problem: FitProblem, names: list[str], arm: bool) -> Array:

@@ -15,6 +15,7 @@ import numpy as np
 
 from ...base import Finding, InvalidInput
 from ...core import ParameterSpace, number
+from ...lab import INTERVAL
 from ...report import Parameter
 from ...robots import RobotModel, with_inertias
 from .links import file_links
@@ -22,6 +23,7 @@ from .links import file_links
 NAMES = ("m", "mass", "dry mass", "total mass")
 """What a user may call it in `--known`."""
 
+_NEAR = 1.25  # of a model file's mass: batteries and loads that the file lacks, and then some
 _SPREAD = 0.3  # standard deviation of the logarithm of a sheet's added mass
 
 
@@ -39,6 +41,17 @@ def stated_mass(robot: RobotModel, known: Mapping[str, float]) -> float | None:
     return given[0] if given else None
 
 
+def off_file(robot: RobotModel, mass: float) -> float:
+    """Standard deviation of the scale of a walking robot of a told mass [kg] far from its file's.
+
+    0 within `_NEAR`: one of the two is wrong, and the interval then reaches from one to the other.
+    """
+    if not robot.floating:
+        return 0.0
+    off = abs(float(np.log(mass / file_links(robot.model)[::10].sum())))
+    return off / INTERVAL if off > np.log(_NEAR) else 0.0
+
+
 def with_dry_mass(robot: RobotModel, mass: float) -> RobotModel:
     """The vehicle of that dry mass [kg], whose effective masses of the sheet are corrected by it.
 
@@ -49,7 +62,15 @@ def with_dry_mass(robot: RobotModel, mass: float) -> RobotModel:
         links = file_links(robot.model)
         whole = float(links[::10].sum())
         heavier = with_inertias(robot.model, links.reshape(-1, 10) * mass / whole, robot.rotor)
-        return replace(robot, model=heavier, weighed=True)
+        findings = robot.findings
+        if off_file(robot, mass):
+            text = f"the told {mass:.3g} kg are {mass / whole:.2g} times the {whole:.3g} kg of the "
+            text += (
+                "model file; all gains, frictions and inertias follow it, and no motion checks it"
+            )
+            remedy = "Weigh the robot as it was during the log, or correct the file."
+            findings += (Finding("warning", "told_mass", "mass", text, remedy),)
+        return replace(robot, model=heavier, weighed=True, findings=findings)
     assert robot.prior is not None  # every vehicle has one
     assert robot.dry_mass is not None
     if not 0.5 * robot.dry_mass < mass < 2 * robot.dry_mass:

@@ -12,7 +12,7 @@ from mujoco import rollout
 
 from ...base import Finding, InvalidInput, NsaidError
 from ...core import Array, number
-from ...lab import JointMap, quiet
+from ...lab import JointMap
 from ...robots import (
     Identified,
     RobotModel,
@@ -20,6 +20,7 @@ from ...robots import (
     Spring,
     actuators_of,
     mjcf_text,
+    quiet,
     with_inertias,
     write_model,
     write_table,
@@ -27,13 +28,18 @@ from ...robots import (
 from ..logs.recordings import Recordings
 from .joints import joint_of
 from .result import Identification
+from .smoothing import fed_back
 
 
 def write_models(result: Identification, folder: Path) -> tuple[list[Path], list[Finding]]:
-    """Writes the calibrated model, in all formats that can represent it, into an existing folder.
+    """Writes the calibrated model, in all formats that can represent it, into a folder.
 
     Returns the files, and the deviation of the exported model from the log.
+
+    Raises:
+        NotWritten: a file of the user's is in the way, or the folder cannot be written.
     """
+    folder.mkdir(parents=True, exist_ok=True)
     robot = result.robot
     files = [folder / "calibrated.yaml"]
     write_parameters(result, files[0])
@@ -147,11 +153,15 @@ def _followed(result: Identification, values: Identified) -> Finding:
         )
     except NsaidError as error:
         return Finding("note", "replay", "", f"the exported model was not simulated: {error}")
-    rows = list(zip(result.robot.joints, exported, nominal, strict=True))
+    leading = list(result.robot.independent)  # the others follow these
+    exported = exported[leading]
+    nominal = nominal[leading]
+    rows = list(zip(result.robot.leaders, exported, nominal, strict=True))
     figures = ", ".join(f"{name} {_figure(own)} ({_figure(file)})" for name, own, file in rows)
     worse = ", ".join(name for name, own, file in rows if own > file)
+    drive = "commands" if recordings.feedback is None else "targets, by the PD law"
     text = (
-        "rms error of MuJoCo over windows of 0.2 s, driven by the log's commands"
+        f"rms error of MuJoCo over windows of 0.2 s, driven by the log's {drive}"
         f"{' without the load' if loaded else ''} [rad or m], with the exported "
         f"model (in brackets: with the original model file): {figures}"
     )
@@ -179,13 +189,23 @@ def _stepped(result: Identification, values: Identified) -> Finding:
     text = (
         "one-step errors of MuJoCo's inverse dynamics of the exported model along the log, without "
         f"the feet's forces, over what the commands do: {', '.join(figures)}; in brackets with the "
-        "original model file. It is not simulated further, since a foot that touches down a moment "
-        "earlier or later makes another motion of it, however good the model is"
+        "original model file. "
+    )
+    if np.isfinite(own.replay):
+        text += (
+            "Simulated for 0.2 s by the commands along the base's measured motion, joints of legs "
+            f"that swing are off by {_figure(own.replay)} ({_figure(nominal.replay)}) rad, rms. "
+        )
+    text += (
+        "The whole robot is not simulated, since a foot that touches down a moment earlier or "
+        "later makes another motion of it, however good the model is"
     )
     data = {
         "exported": [own.stance, own.swing if np.isfinite(own.swing) else own.stance],
         "nominal": [nominal.stance, nominal.swing if np.isfinite(own.swing) else nominal.stance],
     }
+    if np.isfinite(own.replay):
+        data["simulated"] = [own.replay, nominal.replay]
     return Finding("note", "replay", "", text, data=data)
 
 
@@ -199,7 +219,8 @@ def _without_contacts(robot: RobotModel, values: Identified) -> Any:
     spec.option.disableflags |= int(
         mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
     )
-    return spec.compile()
+    with quiet():
+        return spec.compile()
 
 
 def _figure(value: float) -> str:
@@ -231,12 +252,28 @@ def replay(robot: RobotModel, values: Identified, recordings: Recordings) -> Arr
     return np.where(np.isfinite(error), error, np.inf)
 
 
+def _close_loop(mj: Any, actuator: int, kp: float, kd: float) -> None:
+    """Makes a motor's command c the part of the targets in a PD law: its own is c − kp q − kd v.
+
+    kp and kd are in the command's unit per rad or m, and s per rad or m.
+    """
+    gain = mj.actuator_gainprm[actuator, 0]
+    gear = mj.actuator_gear[actuator, 0]
+    mj.actuator_biastype[actuator] = mujoco.mjtBias.mjBIAS_AFFINE
+    mj.actuator_biasprm[actuator, 1:3] = [-gain * kp / gear, -gain * kd / gear]
+    if mj.actuator_ctrllimited[actuator]:  # the limits are those of the motor's own command
+        mj.actuator_forcerange[actuator] = np.sort(gain * mj.actuator_ctrlrange[actuator])
+        mj.actuator_forcelimited[actuator] = True
+        mj.actuator_ctrllimited[actuator] = False
+
+
 def departures(
     robot: RobotModel, values: Identified, recordings: Recordings, horizon: float, every: int = 1
 ) -> Array:
     """(N, n) simulated minus measured positions, driven by a log's commands [rad or m].
 
-    After `horizon` [s], at least one sample, the simulation restarts from the measured position and
+    Motors under a PD law follow the log's targets, by the law at the simulated motion. After
+    `horizon` [s], at least one sample, the simulation restarts from the measured position and
     velocity; inf for once per segment. Of these windows, only one of `every` so many is simulated.
     """
     mj = _without_contacts(robot, values)
@@ -246,6 +283,9 @@ def departures(
     longest = mj.opt.timestep if robot.kind == "mjcf" else _LONGEST_STEP  # the user's own
     substeps = int(np.ceil(1 / (recordings.rate * longest) - 1e-9))
     mj.opt.timestep = 1 / (recordings.rate * substeps)
+    if recordings.feedback is not None:
+        for k, actuator in command.items():
+            _close_loop(mj, actuator, *recordings.feedback[:, k])
     found = [np.zeros((0, len(robot.joints)))]
     kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
     for log in (segment.log for segment in recordings.segments):
@@ -261,7 +301,8 @@ def departures(
             mujoco.mj_getState(mj, data, row, kind)
         within = starts[:, None] + np.arange(samples)
         control = np.zeros((len(starts), samples * substeps, mj.nu))
-        u = log.u[within][:, :, list(command)]
+        targets = log.u + fed_back(recordings.feedback, log.q, log.v)
+        u = targets[within][:, :, list(command)]
         control[:, :, list(command.values())] = np.repeat(u, substeps, axis=1)
         with quiet():  # a simulation that diverges has a large error
             states: Any = rollout.rollout(mj, data, state, control)[0]

@@ -337,9 +337,12 @@ def combinations(problem: FitProblem) -> Combinations:
     combinations (Gautier and Khalil, IEEE Trans. Robotics and Automation 6(3), 1990).
     """
     rest = np.setdiff1d(np.arange(len(problem.space)), problem.space.actuators)
-    masked = (problem.Y * problem.usable[:, :, None])[:, :, rest]
-    size = np.maximum(np.sqrt(np.mean(masked**2, axis=(0, 2))), 1e-300)
-    stack = (masked / size[None, :, None]).reshape(-1, len(rest)) * problem.space.scale[rest]
+    stack = []
+    for i, used in enumerate(problem.usable.T):
+        own = problem.Y[used, i][:, rest]
+        size = np.sqrt(np.sum(own**2) / own.shape[1] / len(used))
+        stack.append(own / max(float(size), 1e-300) * problem.space.scale[rest])
+    stack = np.concatenate(stack)
     R = np.asarray(np.linalg.qr(stack, mode="r"))
     norms = np.linalg.norm(R, axis=0)  # of each column, of its rest
     new = np.abs(np.diagonal(R))

@@ -439,26 +439,28 @@ def joint_of(parameter: str) -> int:
     return int(parameter.rpartition("_")[2]) - 1
 
 
-def nearest_friction(problem: FitProblem, theta: Array) -> tuple[Array, Array]:
-    """(k,) viscous and (k,) Coulomb friction that approximate all friction of a joint at θ (p,)."""
+def nearest_friction(problem: FitProblem, theta: Array, count: int) -> tuple[Array, Array]:
+    """(k,) viscous and (k,) Coulomb friction that approximate all friction of k = count joints.
+
+    theta (p,) are the parameters. A joint that follows another one has none.
+    """
     space = problem.space
     kinds = [COLUMNS[name].block for name in COLUMNS if name not in ("rotor", "spring", "offset")]
     used = [space[block.name] for block in space.blocks if block.name in kinds]
     pairs = [COLUMNS[name] for name in ("viscous", "coulomb")]
     if not {block.name for block in space.blocks}.issuperset(pair.block for pair in pairs):
         return np.zeros(0), np.zeros(0)
-    found = []
-    own = [space[pair.block] for pair in pairs]
-    if own[0].stop - own[0].start < problem.Y.shape[1] and len(used) == len(pairs):
-        return theta[own[0]], theta[own[1]]  # a floating base comes first, and there is no other
-    for j in range(problem.Y.shape[1]):
-        rows = problem.Y[problem.usable[:, j], j]
+    base = problem.Y.shape[1] - count  # velocities of a floating base come first
+    found = np.zeros((count, 2))
+    for j in range(count):
         own = [f"{pair.letter}_{j + 1}" for pair in pairs]
-        if not {*own} <= {*space.names}:  # a joint that follows another one
-            found.append(np.zeros(2))
+        if not {*own} <= {*space.names}:
             continue
-        whole = sum(rows[:, place] @ theta[place] for place in used)
-        basis = np.column_stack([rows[:, space.index(name)] for name in own])
-        found.append(scipy.optimize.nnls(basis, whole)[0] if len(rows) else np.zeros(2))
-    viscous, coulomb = np.array(found).T
+        places = [space.index(name) for name in own]
+        found[j] = theta[places]
+        rows = problem.Y[problem.usable[:, base + j], base + j]
+        if len(used) > len(pairs) and len(rows):
+            whole = sum(rows[:, place] @ theta[place] for place in used)
+            found[j] = scipy.optimize.nnls(rows[:, places], whole)[0]
+    viscous, coulomb = found.T
     return viscous, coulomb

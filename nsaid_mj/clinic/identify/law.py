@@ -24,20 +24,21 @@ from ...core import (
 )
 from ...lab import (
     INTERVAL,
-    Logs,
     Observer,
     Record,
     RobotDescription,
     Run,
     Scenario,
     followed,
+    measured_identifiers,
     misfit_of,
 )
 from ...robots import RobotModel
+from ..logs.recorded import Logs
 from ..logs.recordings import Recordings
 from .choose.cutoff import filter_for
 from .fit import minimise, tempered
-from .measured import identifiers_of, log_robot, measured_scenario
+from .measured import log_robot, measured_scenario
 from .problem import mean_squares
 from .result import AlongLog, BatchFit, GainRatio, Identification, Structured, recording_shifts
 from .smoothing import delayed, noise_levels, refined, smooth, smooth_commands
@@ -120,7 +121,7 @@ def follow_log(law: str, found: Identification, folder: Path) -> AlongLog:
     )
     scenario = replace(scenario, identifier=config)
     whole = known.robot_of(robot)
-    identifiers = identifiers_of(scenario, whole)
+    identifiers = measured_identifiers(scenario, whole)
     watch = _Watch(identifiers[""], max(1.0, round(steps / _ROWS)) / rate)
     run = followed(scenario, whole, Logs(logs), identifiers, folder, [watch])
     run.record = Record.read(folder)  # which may be temporary

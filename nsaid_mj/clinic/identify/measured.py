@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import fields, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,29 +17,20 @@ from ...core import (
     Column,
     CompiledMultibody,
     Geometry,
-    Identifier,
     JointTree,
     NullspaceAID,
     ParameterSpace,
     Rotor,
-    Status,
     drawn_inside,
 )
 from ...lab import (
-    MOST_STEPS,
     ArmPlant,
-    Ending,
     PlantConfig,
-    Record,
     RobotDescription,
-    Run,
-    RunTimes,
     Scenario,
     SensorNoise,
-    identifier_of,
     nominal_scales,
 )
-from ...lab import columns as columns_of
 from ...robots import RobotModel
 from .links import file_links
 from .models import load_robot_model
@@ -60,23 +50,6 @@ class MeasuredRobot(PlantConfig, ABC):
         """Raises `InvalidInput`: there is nothing to simulate."""
         remedy = "`nsaid run arm --robot` and the vehicles of `nsaid list` are simulated."
         raise InvalidInput("plant", "a simulated plant", "a robot that is measured", remedy)
-
-    def reopened(self, scenario: Scenario, folder: Path, record: Record) -> Run:
-        """The run of this robot, rebuilt from its record."""
-        robot = self.known()
-        record.check(folder, columns_of(robot.system, scenario))
-        return Run(
-            scenario=scenario,
-            folder=folder,
-            record=record,
-            system=robot.system,
-            prior=robot.prior,
-            identifiers=identifiers_of(scenario, robot),
-            statuses={"": Status.completed},
-            ending=Ending(Status.completed, float(record["t"][-1])),
-            cost=RunTimes(steps=len(record)),
-            looks=robot.looks,
-        )
 
     @abstractmethod
     def known(self) -> RobotDescription:
@@ -161,7 +134,7 @@ def measured_scenario(
     rate: float,
     noise: tuple[float, float],
     error: float,
-    steps: float = MOST_STEPS,
+    steps: float = Scenario.MOST_STEPS,
 ) -> Scenario:
     """The scenario of a run on measurements from outside, without the samples.
 
@@ -188,13 +161,6 @@ def measured_scenario(
         sensors="noisy",
         noise=SensorNoise(*noise),
     )
-
-
-def identifiers_of(scenario: Scenario, robot: RobotDescription) -> dict[str, Identifier]:
-    """The scenario's own identifier, for a robot that is not simulated."""
-    config = scenario.identifier
-    levels = scenario.noise.levels
-    return {"": identifier_of(config, scenario, robot.system, robot.prior, levels)}
 
 
 _OPERATION = 2.0  # largest speeds and commands, relative to their rms

@@ -58,14 +58,14 @@ def load_robot_model(
         expected = "no joints, for a vehicle"
         raise InvalidInput("lock", expected, [*lock, *(joints or ())], "Leave it out.")
     from ...core import drawn_inside
-    from ...lab import ParametricPlantConfig, published
+    from ...lab import ParametricPlantConfig
 
     packed = model in scenarios()
     config = load(model).plant if packed else plant_of(vehicle_files(model).sheet)
     if not isinstance(config, ParametricPlantConfig):
         reason = "its equations of motion are not linear in known parameters"
         raise BadRobot(model, "", reason, "It can only be simulated: `nsaid run`.")
-    plant, nominal = published(config, _STEP)
+    plant, nominal = config.published(_STEP)
     system = plant.system
     count = plant.system.n_u
     return RobotModel(

@@ -72,7 +72,7 @@ _FRAMES = (
 
 def identification_page(result: Identification, command: str = "") -> Page:
     """The page of an identification; without a `command` line it names model and logs only."""
-    from ...report import figures_of  # imported late: matplotlib takes half a second
+    from ...report import figures_of
     from . import picture
 
     row, rows = wording.rows_of(result)

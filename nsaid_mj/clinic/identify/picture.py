@@ -1,11 +1,11 @@
 """Sketch of a robot: its links as lines, joints labelled, in the first pose of its log."""
 
+from typing import NamedTuple
+
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from ...core import Array
-from ...report import BAD, COLOURS, GRID, INK, WIDTH, style, svg
+from ...report import BAD, COLOURS, GRID, INK, Axes, Side, drawing
 from ...report import Figure as PageFigure
 from . import wording
 from .ground.poses import poses
@@ -21,6 +21,7 @@ _UP = np.array(
         np.cos(_ELEVATION),
     ]
 )
+_WIDTH = 310.0  # of the picture, as of a panel [points]
 _COLUMN = 9  # names in one column, at most: a second one takes a third of the width
 _COLOURS = {"good": COLOURS[3], "fair": COLOURS[5], "poor": BAD}
 
@@ -42,47 +43,46 @@ def picture(result: Identification) -> PageFigure | None:
     names = list(result.robot.joints)
     joints = flat[: len(names), 0]
     marks = {j.name: wording.quality(j.held_out, j.alone).kind for j in result.joints}
-    with style():
-        floor = _floor(segments, size)
-        shown = np.vstack([flat.reshape(-1, 2), floor])
-        low = shown.min(axis=0)
-        high = shown.max(axis=0)
-        figure = Figure(figsize=(WIDTH, _height(high - low, len(names))))
-        axis = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        axis.set_aspect("equal")
-        axis.set_axis_off()
-        axis.fill(*floor.T, color=GRID, zorder=1, linewidth=0)
-        for number, (a, b) in enumerate(flat):
-            thick = number < len(names)
-            axis.plot(
-                *np.stack([a, b]).T,
-                color=INK if thick else COLOURS[8],
-                solid_capstyle="round",
-                linewidth=4.0 if thick else 1.4,
-                alpha=0.75 if thick else 0.6,
-                zorder=2,
-            )
-        for name, at in zip(names, joints, strict=True):
-            colour = _COLOURS.get(marks.get(name, ""), COLOURS[8])
-            axis.plot(*at, "o", color=colour, markersize=6.5, zorder=3)
-        _labels(axis, names, joints, low, high, figure)
-        legend = [
-            (words_, colour, ".")
-            for kind, words_, colour in (
-                ("good", "held-out NRMSE < 20 %", _COLOURS["good"]),
-                ("fair", "< 50 %", _COLOURS["fair"]),
-                ("poor", "worse", _COLOURS["poor"]),
-            )
-            if kind in marks.values()
-        ]
-        return PageFigure("Robot in its first logged pose", svg(figure, "robot"), legend)
+    floor = _floor(segments, size)
+    shown = np.vstack([flat.reshape(-1, 2), floor])
+    low = shown.min(axis=0)
+    high = shown.max(axis=0)
+    height = _height(high - low, len(names))
+    labels = _labels(names, joints, low, high, (_WIDTH, height))
+    axes = Axes((0.0, 0.0, _WIDTH, height), *labels.sides, frame=False)
+    axes.area(floor[:, 0], floor[:, 1], GRID)
+    for line in labels.lines:
+        axes.line(line[:, 0], line[:, 1], COLOURS[8], width=0.6)
+    for number, ends in enumerate(flat):
+        link = number < len(names)
+        colour = INK if link else COLOURS[8]
+        width = 4.0 if link else 1.4
+        opacity = 0.75 if link else 0.6
+        axes.line(ends[:, 0], ends[:, 1], colour, width=width, opacity=opacity)
+    for name, at in zip(names, joints, strict=True):
+        colour = _COLOURS.get(marks.get(name, ""), COLOURS[8])
+        axes.marks(at[:1], at[1:], colour, "", "o", filled=True)
+    for words_, at, anchor in labels.texts:
+        axes.text(words_, *at, anchor=anchor, size=labels.size)
+    legend = [
+        (words_, colour, ".")
+        for kind, words_, colour in (
+            ("good", "held-out NRMSE < 20 %", _COLOURS["good"]),
+            ("fair", "< 50 %", _COLOURS["fair"]),
+            ("poor", "worse", _COLOURS["poor"]),
+        )
+        if kind in marks.values()
+    ]
+    title = "Robot in its first logged pose"
+    return PageFigure(title, drawing("robot", _WIDTH, height, [axes]), legend)
 
 
 def _height(size: Array, names: int) -> float:
-    """Height of the picture [inch]: less for a robot that is flat, of width and height (2,)."""
+    """Height of the picture [points]: less for a robot that is flat, of width and height (2,)."""
     if names > _COLUMN:
-        return max(3.0, 0.09 * names + 1)
-    return float(np.clip(0.6 * WIDTH * size[1] / max(size[0], 1e-9), max(1.4, 0.2 * names), 3.0))
+        return max(216.0, 6.5 * names + 72)
+    flat = 0.6 * _WIDTH * size[1] / max(size[0], 1e-9)
+    return float(np.clip(flat, max(101.0, 14.4 * names), 216.0))
 
 
 def _floor(segments: Array, size: float) -> Array:
@@ -93,9 +93,18 @@ def _floor(segments: Array, size: float) -> Array:
     return corners @ np.stack([_RIGHT, _UP], axis=1)
 
 
+class _Labels(NamedTuple):
+    """Where names stand beside a robot."""
+
+    sides: tuple[Side, Side]  # horizontal and vertical axis
+    lines: list[Array]  # (2, 2) ends of a line from each joint to its name
+    texts: list[tuple[str, tuple[float, float], str]]  # each name, its place and its anchor
+    size: float  # of the letters [points]
+
+
 def _labels(
-    axis: Axes, names: list[str], joints: Array, low: Array, high: Array, figure: Figure
-) -> None:
+    names: list[str], joints: Array, low: Array, high: Array, room_: tuple[float, float]
+) -> _Labels:
     """Names in one column beside the robot, two if they are many, each with a line to its joint."""
     middle = np.median(joints[:, 0])
     order = np.argsort(joints[:, 0], kind="stable")
@@ -103,22 +112,24 @@ def _labels(
     if len(names) <= _COLUMN or np.ptp(joints[:, 0]) < 1e-9 * max(1.0, abs(middle)):
         left = np.zeros(0, dtype=int)
         right = np.arange(len(names))
-    width, height = figure.get_size_inches()
+    width, height = room_
     rows = max(len(left), len(right), 1)
-    font = min(8.0, 72 * 0.92 * height / (1.25 * rows))
+    font = min(8.0, 0.92 * height / (1.25 * rows))
     longest = max(len(n) for n in names)
-    room = min(0.36, (0.62 * font * min(longest, 22) / 72 + 0.15) / width)  # for a column of names
+    room = min(0.36, (0.62 * font * min(longest, 22) + 11) / width)  # for a column of names
     sides = (1 if len(left) else 0) + (1 if len(right) else 0)
     scale = min(
         (1 - sides * room - 0.1) * width / max(high[0] - low[0], 1e-9),
         0.86 * height / max(high[1] - low[1], 1e-9),
     )
     centre = (low + high) / 2
-    half = np.array([width, height]) / (2 * scale)
+    half = np.array(room_) / (2 * scale)
     shift = half[0] * room * ((1 if len(right) else 0) - (1 if len(left) else 0))
-    axis.set_xlim(centre[0] - half[0] + shift, centre[0] + half[0] + shift)
-    axis.set_ylim(centre[1] - half[1], centre[1] + half[1])
-    pitch = 1.25 * font / 72 / scale
+    across = (centre[0] - half[0] + shift, centre[0] + half[0] + shift)
+    up = (centre[1] - half[1], centre[1] + half[1])
+    lines: list[Array] = []
+    texts: list[tuple[str, tuple[float, float], str]] = []
+    pitch = 1.25 * font / scale
     for side, sign in ((left, -1), (right, 1)):
         if not len(side):
             continue
@@ -129,17 +140,9 @@ def _labels(
         x = centre[0] + shift + sign * (half[0] * (1 - 2 * room))
         for k, y in zip(ascending, heights, strict=True):
             name = names[k] if len(names[k]) <= 22 else names[k][:21] + "…"
-            axis.plot(
-                [joints[k, 0], x], [joints[k, 1], y], color=COLOURS[8], linewidth=0.6, zorder=1.5
-            )
-            axis.text(
-                x + sign * 0.1 * pitch,
-                y,
-                name,
-                ha="left" if sign > 0 else "right",
-                va="center",
-                fontsize=font,
-            )
+            lines.append(np.array([joints[k], [x, y]]))
+            texts.append((name, (x + sign * 0.1 * pitch, y), "start" if sign > 0 else "end"))
+    return _Labels((Side(across), Side(up)), lines, texts, font)
 
 
 def _spread(heights: Array, pitch: float, low: float, high: float) -> Array:

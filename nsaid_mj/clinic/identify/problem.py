@@ -121,7 +121,7 @@ class FitProblem:
             return np.where(counts > 1, np.sqrt(mean_squares(force - mean, used)), 0.0)
 
         matrices = ~np.isin(self.space.geometries, ("positive", "free"))
-        inertial = self.Y[:, :, matrices] @ theta[matrices]
+        inertial = self.Y @ np.where(matrices, theta, 0.0)
         moving = theta if self.steady is None else np.where(self.steady, 0.0, theta)
         return deviation(self.actuation(moving)), deviation(inertial)
 

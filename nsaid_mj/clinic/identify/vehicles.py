@@ -16,7 +16,6 @@ from ...core import (
     ParameterSpace,
     SecondOrderSystem,
 )
-from ...lab import smoothed
 from ...robots import RobotModel
 from ..logs.recordings import LogSegment, Recordings
 from .choose.columns import MANOEUVRES, further_columns, further_names, offered
@@ -127,7 +126,7 @@ class VehicleRows(Rows):
         return self._driven[curve]
 
     def acting_on_sheet(self, u: Array, rate: float, timing: Timing) -> Array:
-        """As `acting`, for a system whose thrusters have the sheet's curve."""
+        """Commands (N, k) at a rate [Hz] with an equal effect under the sheet's thruster curve."""
         found = self.acting(u, rate, timing)
         if timing.curve != ThrusterCurve():
             for column in self.thrusters:
@@ -264,7 +263,7 @@ def _size(space: ParameterSpace, columns: Array, prior: Array) -> Array:
 
 def smooth_pose(system: SecondOrderSystem, segment: LogSegment, chosen: Filter) -> Smooth:
     """The smoothed motion of a segment, whose positions may be poses."""
-    log = smoothed(system, segment.log, chosen.smoothing)
+    log = system.smoothed(segment.log, chosen.smoothing)
     a = np.gradient(log.v, 1 / chosen.rate, axis=0)
     if segment.specific is not None:
         a[:, :3] = chosen.low_pass(acceleration(segment, log.q, log.v))

@@ -28,6 +28,7 @@ from .remedies import remedy_of
 DEGREES = 180 / np.pi
 AGREES = 0.9  # correlation of a velocity with dq/dt below which they contradict each other
 FACTOR = 0.15  # relative error of a velocity's scale that noise and delay do not explain
+_OPEN = 2.0  # so many times the relative rms difference of equal sizes at this correlation
 _SETTLES = 0.5  # such an error up to which a held target of a PD law may be its cause
 _SAME = 0.3  # relative error of a velocity below which it is that of a position
 _UNIT = 0.04  # relative difference of a factor and that of a unit that it may be
@@ -127,8 +128,8 @@ def velocity_causes(
         found.append(_settling(motion, robot, fast, factors))
         measured = [j for j in measured if j not in fast]
     for _ in measured:
-        _, factors = _relation(motion)
-        group = _largest_group(factors, measured)
+        together, factors = _relation(motion)
+        group = _largest_group(factors, together, measured)
         if not group:
             break
         factor = nice(float(np.median(factors[group])))
@@ -178,10 +179,17 @@ def nice(factor: float) -> float:
     return float(np.sign(factor) * float(f"{size:.3g}"))
 
 
-def _largest_group(factors: Array, measured: Sequence[int]) -> list[int]:
-    """The most joints whose factors are alike and not 1."""
-    wrong = [j for j in measured if abs(factors[j] - 1) > FACTOR]
+def _largest_group(factors: Array, together: Array, measured: Sequence[int]) -> list[int]:
+    """The most joints whose factors are alike and not 1.
+
+    A joint alone must differ by more than `together`, the correlation of its velocity and dq/dt,
+    leaves open: what decorrelates them, such as a short motion at the log's start, scales them too.
+    """
+    apart = np.abs(factors - 1)
+    left_open = _OPEN * np.sqrt(2 * (1 - np.minimum(np.abs(together), 1)))
+    wrong = [j for j in measured if apart[j] > FACTOR]
     groups = [[i for i in wrong if abs(factors[i] / factors[j] - 1) < _ALIKE] for j in wrong]
+    groups = [group for group in groups if len(group) > 1 or apart[group[0]] > left_open[group[0]]]
     return max(groups, key=len, default=[])
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...base import Finding, Level
 from ...core import Array, Log, continuous_signs, number
+from ...robots import RobotModel
 from . import signals
 from .clocks import regular
 from .layout import ChannelSource, Layout
@@ -159,6 +160,12 @@ def _clean_one(
 
 def _disorder(file: str, channel: Channel, order: signals.Order) -> list[Finding]:
     """Findings about a clock: missing, repeated and late times, resets, uneven intervals."""
+    if _coarse(channel, order):
+        step = number(float(np.median(np.diff(order.t))), significant=3)
+        text = f"{len(order.repeated)} of {len(channel.t)} rows repeat the time before with other "
+        text += f"values: the clock has steps of {step} s"
+        remedy = "Export times with all their digits, or no times and `rate` under `[time]`."
+        return [Finding("refusal", "coarse_clock", file, text, remedy)]
     found = []
     undated = np.flatnonzero(~np.isfinite(channel.t))
     for code, rows, text in (
@@ -181,6 +188,17 @@ def _disorder(file: str, channel: Channel, order: signals.Order) -> list[Finding
         data = {"period": period, "low": float(low), "high": float(high)}
         found.append(Finding("note", "jitter", file, text, data=data))
     return found
+
+
+def _coarse(channel: Channel, order: signals.Order) -> bool:
+    """Whether a clock stands still, as one of whole seconds does, while its rows go on.
+
+    A logger that writes each row twice or three times repeats the values, too.
+    """
+    again = np.asarray(order.repeated)
+    if len(order.t) < 2 or len(again) <= 0.5 * len(channel.t):
+        return False
+    return bool(np.mean(channel.values[again] != channel.values[again - 1]) > 0.5)
 
 
 def about_rows(
@@ -292,13 +310,13 @@ def cut_rest(log: Cleaned, grid: Array, kept: slice) -> list[Finding]:
 
 
 def limits_stated(
-    file: str, segments: Sequence[LogSegment], limits: Array, joints: Sequence[str]
+    file: str, segments: Sequence[LogSegment], limits: Array, robot: RobotModel
 ) -> Finding:
     """Reports the speeds below which rows are not used, and the share of rows above."""
     usable = np.concatenate([segment.usable for segment in segments]).mean(axis=0)
     each = ", ".join(
-        f"{joint} {number(limit, significant=2)} ({100 * share:.0f} %)"
-        for joint, limit, share in zip(joints, limits, usable, strict=True)
+        f"{robot.joints[j]} {number(limits[j], significant=2)} ({100 * usable[j]:.0f} %)"
+        for j in robot.independent
     )
     text = "rows below these speeds [rad/s or m/s] are not used "
     text += f"(in brackets: share of rows used): {each}"

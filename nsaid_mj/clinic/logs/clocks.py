@@ -210,7 +210,8 @@ def _periods(x: Array) -> np.ndarray:
     beside = np.stack([padded[:-4], padded[1:-3], padded[3:-1], padded[4:]])
     usual = np.median(beside, axis=0)
     noise = np.median(np.abs(np.diff(steps, 2, axis=0)), axis=0) / 0.6745
-    weight = usual / np.maximum(noise, 1e-300) ** 2
+    resolved = np.where(steps != 0, np.abs(steps), np.inf).min(axis=0)  # inf where nothing moves
+    weight = usual / np.maximum(noise, resolved / np.sqrt(12)) ** 2
     information = np.maximum(np.sum(weight * usual, axis=1), 1e-300)
     found = np.sum(weight * steps, axis=1) / information
     sure = information**-0.5 < _SURE

@@ -175,18 +175,20 @@ _MEANING = {
 _PULSE = (1000.0, 2000.0)  # ends of a pulse width [µs]
 
 
-def first_map(tables: Sequence[LogTable], robot: RobotModel) -> str:
+def first_map(tables: Sequence[LogTable], robot: RobotModel, times: str = "") -> str:
     """The map of a log as TOML: entries that channels' names imply, and lines to fill in.
 
-    `read_map` accepts it once every joint or actuator has a position and a command.
+    `times` are the lines of a given map, which says of the log only when its rows were. `read_map`
+    accepts it once every joint or actuator has a position and a command.
     """
     names = channel_names(tables)
     parts = [_HEAD, _OF_JOINTS if robot.jointed else _OF_VEHICLE]
     for table in tables:
         parts.append(f"#\n# {table.source} has the columns\n")
         parts += [f"#   {name}\n" for name in table.channels]
-    parts.append('\n# [time]\n# column = "t"\n# unit = "s"  # s, ms, us, ns, date\n')
-    for table in tables if len(tables) > 1 else ():
+    unknown = '# [time]\n# column = "t"\n# unit = "s"  # s, ms, us, ns, date\n'
+    parts.append("\n" + (times.strip() + "\n" if times else unknown))
+    for table in tables if len(tables) > 1 and not times else ():
         parts.append(f"# [files.{_quoted(table.source)}]\n")
         parts.append("# offset = 0.0  # added to its times [s]\n")
     if not robot.jointed:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import replace
+from functools import cached_property
 from itertools import permutations, product
 from typing import NamedTuple
 
@@ -19,7 +20,7 @@ from ...base import Finding
 from ...core import Array, number
 from ...robots import RobotModel
 from . import signals
-from .actuator_causes import Wiring, rewired, size_of
+from .actuator_causes import Mask, Wiring, rewired, size_of
 from .causes import DEGREES, clock_of_file, nice
 from .layout import FRD, NED, pose_velocity
 from .mapping import Vehicle
@@ -270,11 +271,15 @@ def _as_is(part: TwistPart) -> Match:
 
 
 def _match(part: TwistPart, base: str, turn: Array) -> Match:
+    measured = part.measured
     other = part.bases[base]
-    size = [float(np.sqrt(np.mean(x**2))) for x in (part.measured, other)]
-    scale = size[1] / max(size[0], 1e-300)
-    difference = np.mean((part.measured * scale - other @ turn.T) ** 2, axis=0)
-    whole = np.mean((part.measured * scale) ** 2, axis=0) + np.mean((other @ turn.T) ** 2, axis=0)
+    # sums of squares and of products, of each velocity along the axes of the measured ones
+    own = np.diag(measured.T @ measured)
+    theirs = np.diag(turn @ (other.T @ other) @ turn.T)
+    both = np.diag(measured.T @ other @ turn.T)
+    scale = float(np.sqrt(theirs.sum()) / max(np.sqrt(own.sum()), 1e-300))
+    whole = scale**2 * own + theirs
+    difference = np.maximum(whole - 2 * scale * both, 0.0)
     error = 0.5 * difference / np.maximum(whole, 1e-300)
     turned = int(np.sum(np.diag(turn) != 1))
     handicap = _UNUSUAL * turned + _CHANGED * (base != "body") + _CHANGED * (base == "other world")
@@ -536,55 +541,81 @@ class SheetBalance:
         self._prior = robot.prior
         columns = system.structure.columns
         self._input = {c.parameter: c.input for c in columns if self._acting[c.parameter]}
-        self._of_commands: dict[tuple[int, int], Array] = {}
 
-        def parts(commands: Sequence[Array]) -> Array:
+        def parts(commands: Sequence[Array], wanted: Mask) -> Array:
             found = []
             for motion, u in zip(moving, commands, strict=True):
                 W = system.regressor(*motion, u)[:, self._measured]
-                W = np.where(np.isfinite(W), W, 0.0) * self._prior  # a tyre at rest has no slip
-                own = [signals.low_pass(F, cut) for F in np.moveaxis(W, 2, 0)]
-                found.append(np.stack(own, axis=2))
+                # a tyre at rest has no slip
+                W = (np.where(np.isfinite(W), W, 0.0) * self._prior)[:, :, wanted]
+                found.append(signals.low_pass(W.reshape(len(W), -1), cut).reshape(W.shape))
             return np.concatenate(found)
 
         self._parts = parts
         self._u = [u for _, _, u in motions]
-        self._own = parts(self._u)
+        self._own = parts(self._u, np.ones(len(self._acting), bool))
         self.driven = np.mean(self._own[:, :, self._acting] ** 2, axis=(0, 2)) > 0
 
     def errors(self, wiring: Wiring | None = None) -> Array:
         """(n,) errors of the forces over the size of all, with the commands of a wiring."""
-        parts = self._own
-        if wiring is not None:
-            parts = parts.copy()
-            for parameter, k in self._input.items():
-                own = self._with(wiring.source[k], wiring.sign[k])
-                parts[:, :, parameter] = own[:, :, parameter]
-        acting = self._acting
-        driven, whole = (
-            np.sqrt(self._alike @ np.mean(part.sum(axis=2) ** 2, axis=0))
-            for part in (parts[:, :, acting], parts)
-        )
+        products = _products(self._own) if wiring is None else self._rewired(wiring)
+        acting = self._acting.astype(float)
+
+        def sizes(*shares: Array) -> Array:
+            """(n,) of the sum of forces, each of parts times shares (p,)."""
+            squares = sum(np.einsum("nij,i,j->n", products, x, x) for x in shares)
+            return np.sqrt(self._alike @ np.maximum(squares, 0.0))
+
+        driven = sizes(acting)
+        whole = sizes(np.ones(len(acting)))
         size = np.where(driven > 0, driven, np.where(whole > 0, whole, 1.0))  # 0 without actuators
-        share = _shares(parts / size[:, None])
-        forces = [parts[:, :, own] @ share[own] for own in (acting, ~acting)]
-        size = np.sqrt(self._alike @ sum(np.mean(x**2, axis=0) for x in forces))
-        error = np.sqrt(np.mean((forces[0] + forces[1]) ** 2, axis=0)) / np.maximum(size, 1e-300)
-        return np.maximum(error, _BALANCED)
+        share = _shares(np.mean(products / (size**2)[:, None, None], axis=0))
+        size = np.maximum(sizes(share * acting, share * (1 - acting)), 1e-300)
+        left = np.einsum("nij,i,j->n", products, share, share)
+        return np.maximum(np.sqrt(np.maximum(left, 0.0)) / size, _BALANCED)
 
-    def _with(self, command: int, sign: int) -> Array:
-        """(N, n, p) parts of which every actuator follows one command."""
-        key = command, sign
-        if key not in self._of_commands:
-            own = [sign * np.repeat(u[:, [command]], u.shape[1], axis=1) for u in self._u]
-            self._of_commands[key] = self._parts(own)
-        return self._of_commands[key]
+    def _rewired(self, wiring: Wiring) -> Array:
+        """(n, p, p) mean products of two parts with the commands of a wiring."""
+        products, place = self._of_all_commands
+        commands = zip(wiring.source, wiring.sign, strict=True)
+        followed = dict(enumerate(commands))
+        used = [place[i, followed.get(self._input.get(i, -1))] for i in range(len(self._acting))]
+        return products[:, used][:, :, used]
+
+    @cached_property
+    def _of_all_commands(self) -> tuple[Array, dict[tuple[int, tuple[int, int] | None], int]]:
+        """(n, P, P) mean products of all parts that there may be, and the place of each.
+
+        Those of actuators are there with every command of either sign.
+        """
+        fixed = [i for i in range(len(self._acting)) if i not in self._input]
+        place: dict[tuple[int, tuple[int, int] | None], int] = {}
+        place |= {(i, None): k for k, i in enumerate(fixed)}
+        parts = [self._own[:, :, fixed]]
+        acting = sorted(self._input)
+        wanted = np.isin(np.arange(len(self._acting)), acting)
+        for command in product(range(self._u[0].shape[1]), (1, -1)):
+            k, sign = command
+            place |= {(i, command): len(place) + at for at, i in enumerate(acting)}
+            own = [sign * np.repeat(u[:, [k]], u.shape[1], axis=1) for u in self._u]
+            parts.append(self._parts(own, wanted))
+        return _products(np.concatenate(parts, axis=2)), place
 
 
-def _shares(parts: Array) -> Array:
-    """(p,) parameters over those of the sheet with which forces (N, k, p) balance best."""
-    p = parts.shape[2]
-    rows = parts.reshape(-1, p) / np.sqrt(parts.shape[0] * parts.shape[1])
-    A = np.vstack([np.linalg.qr(rows, mode="r"), _TRUST * np.eye(p)])
-    b = np.r_[np.zeros(len(A) - p), _TRUST * np.ones(p)]
-    return np.asarray(scipy.optimize.lsq_linear(A, b, bounds=(1 / _UNSURE, _UNSURE)).x)
+def _products(parts: Array) -> Array:
+    """(n, p, p) means over the rows of the products of any two of forces (N, n, p)."""
+    by_velocity = np.moveaxis(parts, 1, 0)
+    return np.matmul(by_velocity.transpose(0, 2, 1), by_velocity) / len(parts)
+
+
+def _shares(products: Array) -> Array:
+    """(p,) parameters over those of the sheet with which forces balance best.
+
+    `products` (p, p) are the means of the products of two parameters' forces.
+    """
+    p = len(products)
+    factor = np.linalg.cholesky(products + _TRUST**2 * np.eye(p))
+    b = np.linalg.solve(factor, _TRUST**2 * np.ones(p))
+    return np.asarray(
+        scipy.optimize.lsq_linear(factor.T, b, bounds=(1 / _UNSURE, _UNSURE), method="bvls").x
+    )

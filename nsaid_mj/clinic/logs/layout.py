@@ -28,7 +28,7 @@ from .mapping import (
     si,
 )
 from .pd_law import PdLaw, known_gains
-from .tables import Channel, LogTable, channel_names, told_apart, values_of
+from .tables import Channel, LogTable, channel_names, listed, told_apart, values_of
 from .unusable import UnmatchedChannels
 
 NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -417,7 +417,7 @@ def _existing(made: Layout, channels: list[str]) -> Layout:
         what = f"map: column of a {missing[0].quantity}"
         names = ", ".join(dict.fromkeys(source.column.column for source in missing))
         expected = "a column of the log" if "," not in names else "columns of the log"
-        remedy = f"The log has {', '.join(channels)}."
+        remedy = f"The log has {listed(channels)}."
         raise InvalidInput(what, expected, names, remedy)
     return made
 

@@ -27,7 +27,10 @@ WORDS: dict[Quantity, frozenset[str]] = {
         "force moment voltage pwm esc throttle thr thrust thruster amps"
     ),
 }
-_OTHER = _set("acceleration acc accel ddq qdd error err temperature temp status mode limit kp kd")
+_OTHER = _set(
+    "acceleration acc accel ddq qdd error err temperature temp status mode limit max min kp kd "
+    "enable enabled disabled flag fault ready"
+)
 _WANTED = _set("target desired des cmd command commanded ref reference setpoint goal sp")
 _FORWARD = _set("ff feedforward forward")
 _TARGET = _WANTED | {"action"}
@@ -68,9 +71,9 @@ def named(robot: RobotModel) -> tuple[JointName, ...]:
 
 
 ADD_PD = (
-    "If a controller makes the motors' torques by a PD law of known gains, add to map.toml the "
-    "lines `[pd]`, `kp = 20`, `kd = 1.5` with its numbers [N·m/rad, N·m·s/rad; one, a list, or a "
-    "table by joint]. To have kp identified, give an MJCF with position servos (`<position>`)."
+    "If a controller makes the motors' torques by a PD law of known gains, state them in map.toml "
+    "below a line `[pd]`: `kp = 20`, `kd = 1.5` with its numbers [N·m/rad, N·m·s/rad; one, a list, "
+    "or a table by joint]. To have kp identified, give an MJCF with position servos (`<position>`)."
 )
 
 

@@ -101,6 +101,9 @@ Sources: https://docs.px4.io/main/en/msg_docs/ and
 https://ardupilot.org/copter/docs/logmessages.html.
 """
 
+_ARMED = ("armed", "is_armed", "torque_enable", "torque_enabled", "motors_on", "motor_enabled")
+"""Columns that are 0 while the motors are off, by the last word of their names."""
+
 _CHANGES: tuple[tuple[Kind, int, int], ...] = (("disarmed", 11, 10), ("landed", 18, 28))
 """Kind, and the numbers of ArduPilot's events (`EV/Id`) that begin and end it."""
 
@@ -110,7 +113,7 @@ def events_of(channels: Mapping[str, Channel], stated: Phases) -> tuple[Event, .
     said = list(_SAID)
     for name in channels:
         last = name.rsplit("/", 1)[-1].lower()
-        if name == stated.armed or (stated.armed is None and last in ("armed", "is_armed")):
+        if name == stated.armed or (stated.armed is None and last in _ARMED):
             said.append(("disarmed", name, frozenset({0.0}), True))
         if name == stated.landed or (stated.landed is None and last in ("landed", "is_landed")):
             said.append(("landed", name, frozenset({0.0}), False))
@@ -372,6 +375,19 @@ def phases_stated(found: Sequence[LogPhase], level: Literal["note", "warning"]) 
     data = {"used": used, "seconds": total, "phases": table}
     where = files[0] if len(files) == 1 else ""
     return [Finding(level, "phases", where, text, data=data)]
+
+
+def events_stated(source: str, events: Sequence[Event], start: float, end: float) -> list[Finding]:
+    """The finding about spans of a log, from start to end [s], that its own events leave out."""
+    spans = [(max(e.start, start), min(e.end, end), e) for e in events]
+    out = [(a, b, e) for a, b, e in spans if b > a]
+    if not out:
+        return []
+    each = [f"{a:.1f} to {b:.1f} s {e.kind} ({e.column} says so)" for a, b, e in out[:_LISTED]]
+    text = f"left out: {'; '.join(each)}"
+    text += f"; and {len(out) - _LISTED} more" if len(out) > _LISTED else ""
+    data = {"phases": [{"span": [a, b], "kind": e.kind, "column": e.column} for a, b, e in out]}
+    return [Finding("note", "phases", source, text, data=data)]
 
 
 _LISTED = 6  # phases named in a message

@@ -290,7 +290,7 @@ def _segments(
             felt = _felt(log, moved.t)
             segments.append(LogSegment(moved, usable[kept], source, rows, imu, felt))
     if segments and drop_rest:
-        findings.append(limits_stated(source, segments, limits, robot.joints))
+        findings.append(limits_stated(source, segments, limits, robot))
     return segments, seen
 
 

@@ -22,6 +22,7 @@ _LINKS = 0.25  # relative standard deviation of a file's link parameters
 _NOISE = 0.2  # of a command in a row, over its deviation, against which links are bent
 _CLOCKS = np.array([0.1, 0.2, 0.33, 0.5, 0.6, 0.72, 0.85, 1.0, 1.2, 1.4, 1.7, 2.0, 3.0, 5.0, 10.0])
 _WRONG = 1.25  # factor of a clock from which inertias of a file do not explain it
+_DOUBTED = 1.5  # factor up to which clocks may fit as well: rates are rarely mistaken by less
 _FALLS = 0.8  # ratio of errors above which a clock is not told
 _ALIKE = 1.05  # such a ratio to the log's own clock up to which another one fits as well
 _FITS = 0.15  # error on another clock from which that does not explain the commands either
@@ -51,7 +52,7 @@ class Retimed(NamedTuple):
     @property
     def loose(self) -> bool:
         """Whether clocks that are far from the log's own fit as well: inertia hardly acts."""
-        return self.alike[0] * _WRONG < 1 or self.alike[1] > _WRONG
+        return self.alike[0] * _DOUBTED < 1 or self.alike[1] > _DOUBTED
 
 
 class BentLinks:
@@ -82,9 +83,13 @@ class BentLinks:
             ]
             for q, each in ((q, ((still, still), (v, a))) for q, v, a in own)
         ]
-        weight, whole = np.swapaxes(np.array(pairs), 0, 1)
-        self._weight = weight  # (N, n, 10 b)
-        self._inertia = whole - weight
+        weight, whole = np.swapaxes(np.array(pairs), 0, 1)  # (N, n, 10 b)
+        self._forces = {
+            j: _Forces.of(weight[use, j], (whole - weight)[use, j], own[use])
+            for j, use, own in (
+                (j, few.usable[:, j], np.column_stack(columns_of(few, j))) for j in self.joints
+            )
+        }
 
     def error(self, scale: float = 1.0) -> float:
         """The geometric mean of the joints' errors, with all times multiplied by a number."""
@@ -93,21 +98,22 @@ class BentLinks:
 
     def _of_joint(self, j: int, scale: float) -> float:
         """The least error of a joint's command, of either sign and any delay."""
-        use = self._few.usable[:, j]
-        W = self._weight[use, j] + self._inertia[use, j] / scale**2
-        columns = np.column_stack([W @ self._links, *(x[use] for x in columns_of(self._few, j))])
-        columns = columns - columns.mean(axis=0)
+        basis, weight, inertia, own = self._forces[j]
+        W = weight + inertia / scale**2
+        columns = np.column_stack([W @ self._links, own])
         size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        bends = (W - W.mean(axis=0)) * self._spread / size[0]
-        directions, strength, _ = np.linalg.svd(bends, full_matrices=False)
+        columns = columns / size
+        directions, strength, _ = np.linalg.svd(W * self._spread / size[0], full_matrices=False)
         slower = replace(self._motion, rate=self._motion.rate / scale)
         best = 1.0
         for delay in DELAYS:
-            y = late(slower, j, delay, self._rows[use])
+            y = late(slower, j, delay, self._rows[self._few.usable[:, j]])
             y = y - y.mean()
             y = y / max(float(np.linalg.norm(y)), 1e-300)
-            for u in (y, -y):
-                force = scipy.optimize.nnls(columns / size, u)[0][0]
+            explicable = basis.T @ y
+            beyond = max(1 - float(explicable @ explicable), 0.0)
+            for u in (explicable, -explicable):
+                force = scipy.optimize.nnls(columns, u)[0][0]
                 bent = force * strength * np.sqrt(len(y)) / _NOISE
                 shrink = 1 / np.sqrt(1 + bent**2) - 1
 
@@ -115,8 +121,35 @@ class BentLinks:
                     along = directions.T @ x
                     return np.asarray(x + directions @ (shrink * along.T).T)
 
-                best = min(best, scipy.optimize.nnls(unbent(columns / size), unbent(u))[1])
-        return float(best)
+                error = scipy.optimize.nnls(unbent(columns), unbent(u))[1]
+                best = min(best, float(np.hypot(error, np.sqrt(beyond))))
+        return best
+
+
+class _Forces(NamedTuple):
+    """A joint's forces in rows without their means, in a basis of all that they may be.
+
+    Attributes:
+        basis: (N, r) orthonormal columns.
+        weight: (r, 10 b) of a unit of each parameter of the links.
+        inertia: (r, 10 b).
+        own: (r, 3) of rotor and friction.
+    """
+
+    basis: Array
+    weight: Array
+    inertia: Array
+    own: Array
+
+    @staticmethod
+    def of(weight: Array, inertia: Array, own: Array) -> _Forces:
+        """Of regressors (N, 10 b), and columns (N, 3) of rotor and friction."""
+        parts = [weight, inertia, own]
+        rows = np.column_stack(parts)
+        rows = rows - rows.mean(axis=0)
+        basis = np.linalg.qr(rows[:, np.any(rows != 0, axis=0)])[0]
+        ends = np.cumsum([part.shape[1] for part in parts])[:-1]
+        return _Forces(basis, *np.split(basis.T @ rows, ends, axis=1))
 
 
 def retimed(links: BentLinks) -> Retimed:

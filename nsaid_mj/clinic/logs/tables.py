@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -45,6 +45,12 @@ class LogTable:
 def channel_names(tables: Sequence[LogTable]) -> list[str]:
     """The names of all channels, each once."""
     return list(dict.fromkeys(name for table in tables for name in table.channels))
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names of columns for a message: the first thirty, and how many there are."""
+    every = list(names)
+    return ", ".join(every[:30]) + (f" … ({len(every)} in all)" if len(every) > 30 else "")
 
 
 def values_of(name: str, tables: Sequence[LogTable]) -> Array:
@@ -127,7 +133,7 @@ def _timed(
         if rate is None:
             raise UnreadableLog(
                 file,
-                f"no column looks like the time; the columns are {', '.join(values)}",
+                f"no column looks like the time; the columns are {listed(values)}",
                 "Name it in map.toml, as in `[time]` `column = …`, or state `rate = …` there.",
             )
         count = len(next(iter(values.values())))

@@ -20,8 +20,8 @@ from .fit import (
     OutputError,
     ServoPrior,
     clusters,
-    covariance_of,
     minimise,
+    spreads,
     zeros,
 )
 from .joint_fits import Arm, JointFits, fit_free, weigh
@@ -30,8 +30,6 @@ from .simulation import JointLog
 
 _KNOWN = 0.25  # deviation of ln g, and its change with play, below which gravity determines kp
 _LEAST_SAG = 0.25  # variation of a joint's sinking under its load, over the deviation of its zero
-_PRIOR_DEGREES = 4.0  # of freedom that the other joints' variances add
-_VAGUE = 2.0  # standard deviation of ln θ above which a joint has no information on the others
 _CONTRADICTS = 0.8  # residual with an own kp over that with the others' mean, below which it stays
 UNITS = ("mrad", "mm")  # of a thousandth of a hinge's and a slide's position
 _NEARLY = 0.8  # error over that of a simple prediction, above which the model explains nothing
@@ -43,7 +41,7 @@ class JointEstimate(NamedTuple):
 
     name: str  # name of the joint
     x: Array  # (5,) ln θ̂ of T [s], f [rad], g [rad/(N·m)], a [s²], d [s]
-    # (5, 5) covariance of ln θ̂, by a jackknife over logs or blocks; 0 for fixed ones. If a load
+    # (5, 5) covariance of ln θ̂, by differences between logs or blocks; 0 for fixed ones. If a load
     # was weighed, g is that under the true masses
     covariance: Array
     # (6,) quantiles of Student's t, which turn deviations of T, f, kp, a, d and T + d into 95 %
@@ -135,8 +133,8 @@ def estimate(given: ServoLogs, report: Callable[[str], None] = lambda _: None) -
     known = _with_kp(fitted, given, cluster, zero)
     judged = []
     effects = []
-    for j, fit in enumerate(fitted.fits):
-        found = covariance_of(fit, cluster, zero[[j]])
+    spread = spreads(fitted.fits, cluster, zero[:, None])
+    for j, (fit, found) in enumerate(zip(fitted.fits, spread, strict=True)):
         one = _judged(
             robot.joints[j],
             fit.of.logs,
@@ -158,13 +156,13 @@ def estimate(given: ServoLogs, report: Callable[[str], None] = lambda _: None) -
             excess = float(np.sum(np.array(sizes, dtype=np.float64)))  # of friction at rest
             one = one.widened(FRICTION, 0.25 * excess)  # half of what it changes with speed
         judged.append(one)
-    return ArmEstimate(_moderated(judged, cluster), fitted.used, None, tuple(effects))
+    return ArmEstimate(tuple(judged), fitted.used, None, tuple(effects))
 
 
 def _with_kp(fitted: JointFits, given: ServoLogs, cluster: Indices, zero: Array) -> Mask:
     """(n,) joints whose kp gravity determines; in `fitted`, the others are refitted with theirs."""
     fits = fitted.fits
-    spread = [covariance_of(fit, cluster, zero[[j]]) for j, fit in enumerate(fits)]
+    spread = spreads(fits, cluster, zero[:, None])
     known = np.zeros(len(fits), dtype=bool)
     for j, (of, fit) in enumerate(zip(spread, fits, strict=True)):
         error, simple, travel = _errors(fit.of.logs, fit.residual, fitted.used)
@@ -217,7 +215,7 @@ def _with_load(fit: OutputError[Arm], used: Array, given: ServoLogs) -> ArmEstim
     cluster = clusters(given.logs)
     zero = zeros(given.logs)
     slide = given.robot.system.slides
-    spread = covariance_of(fit, np.tile(cluster, n), zero)
+    (spread,) = spreads([fit], np.tile(cluster, n), [zero])
     whole = spread.covariance
     moved = spread.moved
     x = fit.x[:-4].reshape(n, -1).copy()
@@ -238,7 +236,7 @@ def _with_load(fit: OutputError[Arm], used: Array, given: ServoLogs) -> ArmEstim
             given.robot.joints[j],
             [log.joint(j) for log in own],
             one,
-            residuals[j] * arm.sigma[j],
+            residuals[j] * arm.unit[j],
             used,
             covariance=directions[:5] @ whole @ directions[:5].T,
             quantile=np.array([spread.quantile(c) for c in directions]),
@@ -252,28 +250,7 @@ def _with_load(fit: OutputError[Arm], used: Array, given: ServoLogs) -> ArmEstim
     quantile = spread.quantile(np.eye(len(fit.x))[scale])
     log = float(fit.prior.mean[scale] - fit.x[scale])
     mass = MassScale(log, float(deviation[0]), quantile, fit.x[scale + 1 :], deviation[1:])
-    return ArmEstimate(_moderated(joints, cluster), used, mass)
-
-
-def _moderated(joints: Sequence[JointEstimate], cluster: Indices) -> tuple[JointEstimate, ...]:
-    """Estimates with variances regularised against chance, as there are few clusters.
-
-    A variance from five logs is off by a factor of two or more. The servos of an arm are alike, so
-    the mean of their variances is known better: it counts as four further degrees of
-    freedom (Smyth, Statistical Applications in Genetics and Molecular Biology 3(1), 2004), where it
-    is larger. kp is left as it is: gravity differs from joint to joint.
-    """
-    own = np.array([np.diag(joint.covariance) for joint in joints])
-    usable = (own > 0) & (own < _VAGUE**2)
-    mean = np.where(usable, own, 0.0).sum(axis=0) / np.maximum(usable.sum(axis=0), 1)
-    degrees = float(cluster.max())
-    wider = (degrees * own + _PRIOR_DEGREES * mean) / (degrees + _PRIOR_DEGREES)
-    factor = np.sqrt(np.where(own > 0, np.maximum(wider, own) / np.maximum(own, 1e-300), 1.0))
-    factor[:, GRAVITY] = 1.0
-    return tuple(
-        joint._replace(covariance=joint.covariance * np.outer(f, f))
-        for joint, f in zip(joints, factor, strict=True)
-    )
+    return ArmEstimate(tuple(joints), used, mass)
 
 
 def _judged(

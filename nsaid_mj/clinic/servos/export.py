@@ -29,8 +29,8 @@ from numpy.typing import ArrayLike
 
 from ...base import Finding, write_text
 from ...core import Array
-from ...lab import JointMap, followed_targets, quiet, toolbox
-from ...robots import MjcfFile, MjcfText
+from ...lab import JointMap, followed_targets, toolbox
+from ...robots import MjcfFile, MjcfText, quiet
 from .logs import ServoLog, ServoLogs
 from .result import Replayed, Servo, ServoIdentification, concluded
 
@@ -221,7 +221,8 @@ def rollout(
         spec.actuators[i].biasprm[1] *= log.stiffer
         spec.actuators[i].delay = late
         spec.actuators[i].nsample = math.ceil(1.2 * late / mj.opt.timestep) + 2
-    mj = spec.compile()
+    with quiet():
+        mj = spec.compile()
     mj.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     data = mujoco.MjData(mj)
     where = JointMap(mj, joints)
@@ -399,7 +400,8 @@ class _ReplaySearch:
             servo.biasprm[1] = -kp
             servo.biasprm[2] = -kv
             servo.forcelimited = 0
-        return self.spec.compile()
+        with quiet():
+            return self.spec.compile()
 
     def residual(self, values: Array) -> Array:
         """Simulated minus measured positions of all logs, over 5 mrad or the measured ones' rms."""

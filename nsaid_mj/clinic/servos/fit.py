@@ -1,5 +1,7 @@
 """Output-error fit: parameters of the open-loop simulation closest to the log, and covariances."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
@@ -8,19 +10,23 @@ from scipy import stats
 
 from ...core import Array, Indices
 from .logs import ServoLog
-from .simulation import NONE, Effects, JointLog, simulate
+from .simulation import NONE, Effects, JointLog, differentiated, simulate
 
 DAMPING, FRICTION, GRAVITY, ARMATURE, DELAY = range(5)
 """Places of T, f, g, a and d in θ."""
-STEP = 0.04  # of central differences of ln θ; smooths over samples that stick or slip
-_ROUNDS = 40  # of the fit; of a step
-_TRIES = 8
-_ENOUGH = 1e-5  # relative decrease of the cost at which the fit ends
+_ROUNDS = 60  # of the fit
+_ENOUGH = 0.05  # predicted decrease of the cost at which the fit ends: .2 deviations
+_LEAST = 1e-3  # damping: friction that holds or slips makes the cost uneven
+_SAME = 0.04  # change of ln θ at which the scale of the loss is that of the fit
 _LONGEST = 1.0  # step of ln θ
 EFFECTIVE = 1.5  # independent samples per second, since residuals of a simulation are correlated
 PLAY = 2.0
 """Half the usual play of a servo's gears, over the deviation of its zero: makers of hobby servos
 with steps of 1.5 mrad state up to 9 mrad of play, and fine encoders come with finer gears."""
+_PARABOLA = 0.05  # half of the span of three positions that tell an acceleration [s]
+_WEAK = 0.05  # torque over its rms, at which backlash is half on its side
+_PULLS = 2.0  # shifts of parameters by backlash over those by its estimate, on simulated arms
+_STEEPEST = 100.0  # [rad or m] by ln θ: a servo between both of its limits is chaotic
 _WINDOW = 2.0  # in which external forces are detected [s]
 _FAR = 6.0  # residual of such a window over the median one
 
@@ -42,20 +48,18 @@ class Simulated(Protocol):
 
     used: Array  # (N,) 1 of samples that count, 0 of masked ones
     spacing: Array  # (N,) time that each sample stands for [s]
+    unit: Array  # (n,) unit of the residuals of each joint [rad or m]
 
-    def residual(self, x: Array) -> Array:
-        """(N,) simulated minus measured position."""
-        ...
-
-    def jacobian(self, x: Array, free: Indices) -> Array:
-        """(N, k) central differences of the residual by the free parameters."""
+    def linear(self, x: Array, free: Indices) -> tuple[Array, Array]:
+        """(N,) simulated minus measured position, and (N, k) derivatives by free parameters."""
         ...
 
     def moved(self, x: Array, zero: Array) -> Array:
-        """(N, 2 n) change of the residual by effects that the logs cannot reveal.
+        """(N, 4 n) change of the residual by what the equation lacks.
 
-        First by offsets `zero` (n,) [rad or m] of the joints' targets, then by backlash: a joint is
-        displaced by `PLAY` times that in the direction of its load.
+        First by offsets `zero` (n,) [rad or m] of the joints' targets. Then by backlash: a joint is
+        displaced by `PLAY` times that in the direction of its load. Last by backlash within the
+        servo's loop, and by that between the loop and the encoder, over half its width [rad or m].
         """
         ...
 
@@ -70,8 +74,21 @@ class OutputError(NamedTuple, Generic[_Of]):
     prior: ServoPrior
     x: Array  # (k,) minimiser; of a joint ln θ̂ of T [s], f [rad], g [rad/(N·m)], a [s²], d [s]
     residual: Array  # (N,) simulated minus measured position [rad or m], all logs in a row
-    sigma: float  # robust rms of the residual [rad or m]; the loss is quadratic up to twice that
     jacobian: Array  # (N, free) derivatives of the residual by the free parameters
+    sigma: float  # robust rms of the residual [rad or m]; the loss is quadratic up to twice that
+
+    def at(self, x: Array) -> OutputError[_Of]:
+        """The same simulations at other parameters."""
+        residual, jacobian = self.of.linear(x, self.prior.free)
+        return self._replace(x=x, residual=residual, jacobian=jacobian)
+
+    def cost(self) -> float:
+        """Σ soft-L1(residual), and the prior's share."""
+        size = 2 * self.sigma
+        loss = 2 * size**2 * (np.sqrt(1 + (self.residual / size) ** 2) - 1)
+        apart = (self.x - self.prior.mean) / np.maximum(self.prior.deviation, 1e-300)
+        rows = weights(self.of, 0 * self.residual, self.sigma)
+        return float(rows @ loss + np.sum(apart[self.prior.free] ** 2))
 
 
 def _play(log: JointLog, zero: Array, g: Array) -> Array:
@@ -79,6 +96,19 @@ def _play(log: JointLog, zero: Array, g: Array) -> Array:
     sunk = g * log.load / log.stiffer
     side = sunk / (np.abs(sunk) + zero / 4)  # friction holds a joint that hardly sinks
     return -PLAY * zero * (side - side.mean())  # a constant side is an offset
+
+
+def _side(log: JointLog) -> Array:
+    """(N,) side, −1 to 1, on which backlash lies: opposite to the torque through the gear.
+
+    The encoder is behind the gear and the servo's error is its, so that a reversal takes the time
+    in which the motor crosses the backlash. Accelerations are those of parabolas through measured
+    positions: a simulation without backlash would lack its shocks.
+    """
+    at = (np.clip(log.t + side, log.t[0], log.t[-1]) for side in (-_PARABOLA, 0.0, _PARABOLA))
+    before, now, after = (np.interp(t, log.t, log.position) for t in at)
+    torque = log.load + log.inertia * (before - 2 * now + after) / _PARABOLA**2
+    return -torque / (np.abs(torque) + _WEAK * np.sqrt(np.mean(torque**2)) + 1e-12)
 
 
 class JointFit:
@@ -89,6 +119,7 @@ class JointFit:
         self.used = used
         self.effects = effects
         self.spacing = np.concatenate([np.gradient(log.t) for log in logs])
+        self.unit = np.ones(1)
 
     def residual(self, x: Array) -> Array:
         """(N,) residual [rad or m] at (5,) ln θ."""
@@ -97,22 +128,24 @@ class JointFit:
         return np.concatenate([simulate(log, theta, own) - log.position for log in self.logs])
 
     def moved(self, x: Array, zero: Array) -> Array:
-        """(N, 2) change of the residual by an offset `zero` (1,) of the targets, and by play."""
-        g = np.exp(x[GRAVITY])
-        found = []
-        for shift in (lambda _: zero, lambda log: _play(log, zero, g)):
-            logs = [log._replace(target=log.target + shift(log)) for log in self.logs]
-            found.append(JointFit(logs, self.used).residual(x) - self.residual(x))
-        return np.column_stack(found)
+        """(N, 4) change of the residual by an offset `zero` (1,) of the targets, and by play."""
+        theta = np.exp(x)
+        changes = []
+        for log in self.logs:
+            side = _side(log)
+            shifts = zero, _play(log, zero, theta[GRAVITY]), -zero * side
+            before = simulate(log, theta)
+            own = [simulate(log._replace(target=log.target + u), theta) - before for u in shifts]
+            changes.append(np.column_stack([*own[:2], own[2] / zero + side, side]))
+        return np.concatenate(changes)
 
-    def jacobian(self, x: Array, free: Indices) -> Array:
-        """(N, k) derivatives by the free ln θ."""
-        columns = []
-        for i in free:
-            step = np.zeros(len(x))
-            step[i] = STEP
-            columns.append((self.residual(x + step) - self.residual(x - step)) / (2 * STEP))
-        return np.column_stack(columns)
+    def linear(self, x: Array, free: Indices) -> tuple[Array, Array]:
+        """(N,) residual and (N, k) derivatives by free ln θ, from 5 on by the effects."""
+        theta = np.exp(x)
+        found = [differentiated(log, theta, self.effects) for log in self.logs]
+        residual = [q - log.position for (q, _), log in zip(found, self.logs, strict=True)]
+        slopes = np.concatenate([slope for _, slope in found])[:, free]
+        return np.concatenate(residual), np.clip(slopes, -_STEEPEST, _STEEPEST)
 
 
 def minimise(of: _Of, x: Array, prior: ServoPrior) -> OutputError[_Of]:
@@ -121,15 +154,15 @@ def minimise(of: _Of, x: Array, prior: ServoPrior) -> OutputError[_Of]:
     It starts from x (k,), of which `prior` is the prior.
     """
     x = np.where(prior.deviation > 0, x, prior.mean)
-    residual = of.residual(x)
-    damping = 1e-3
+    fit = OutputError(of, prior, x, *of.linear(x, prior.free), 0.0)
+    damping = _LEAST
     for _ in range(3):  # the scale of the loss follows the fit
-        sigma = _winsorised(residual[of.used > 0])
-        before = x
-        x, residual, damping = _descend(of, x, residual, prior, sigma, damping)
-        if np.abs(x - before).max() < STEP:
+        before = fit.x
+        fit = fit._replace(sigma=_winsorised(fit.residual[of.used > 0]))
+        fit, damping = _descend(fit, damping)
+        if np.abs(fit.x - before).max() < _SAME:
             break
-    return OutputError(of, prior, x, residual, sigma, of.jacobian(x, prior.free))
+    return fit
 
 
 def weights(simulated: Simulated, residual: Array, sigma: float) -> Array:
@@ -138,43 +171,28 @@ def weights(simulated: Simulated, residual: Array, sigma: float) -> Array:
     return rows / sigma**2 / np.sqrt(1 + (residual / (2 * sigma)) ** 2)
 
 
-def _descend(
-    simulated: Simulated, x: Array, residual: Array, prior: ServoPrior, sigma: float, damping: float
-) -> tuple[Array, Array, float]:
-    """x, residual and damping at the minimum of the cost with a given scale of the loss."""
-    free = prior.free
-    precision = prior.deviation[free] ** -2.0
-
-    def cost(x: Array, residual: Array) -> float:
-        loss = 2 * (2 * sigma) ** 2 * (np.sqrt(1 + (residual / (2 * sigma)) ** 2) - 1)
-        rows = weights(simulated, 0 * residual, sigma)
-        return float(rows @ loss + precision @ (x - prior.mean)[free] ** 2)
-
-    value = cost(x, residual)
+def _descend(fit: OutputError[_Of], damping: float) -> tuple[OutputError[_Of], float]:
+    """The minimum of the cost with the fit's scale of the loss, and the damping there."""
+    free = fit.prior.free
+    precision = fit.prior.deviation[free] ** -2.0
+    value = fit.cost()
     for _ in range(_ROUNDS):
-        jacobian = simulated.jacobian(x, free)
-        weighted = jacobian.T * weights(simulated, residual, sigma)
-        H = weighted @ jacobian + np.diag(precision)
-        slope = weighted @ residual + precision * (x - prior.mean)[free]
-        gain = 0.0
-        for _ in range(_TRIES):
-            step = -np.linalg.solve(H + damping * np.diag(np.diag(H)), slope)
-            trial = x.copy()
-            trial[free] += np.clip(step, -_LONGEST, _LONGEST)
-            after = simulated.residual(trial)
-            gain = value - cost(trial, after)
-            if gain > 0:
-                break
-            damping *= 5
-        if gain <= 0:
+        weighted = fit.jacobian.T * weights(fit.of, fit.residual, fit.sigma)
+        H = weighted @ fit.jacobian + np.diag(precision)
+        slope = weighted @ fit.residual + precision * (fit.x - fit.prior.mean)[free]
+        step = np.zeros(len(fit.x))
+        step[free] = -np.linalg.solve(H + damping * np.diag(np.diag(H)), slope)
+        if -slope @ step[free] < _ENOUGH:
             break
-        x = trial
-        residual = after
-        value = value - gain
-        damping = max(damping / 5, 1e-6)
-        if gain < _ENOUGH * value:
-            break
-    return x, residual, min(damping, 1.0)
+        trial = fit.at(fit.x + np.clip(step, -_LONGEST, _LONGEST))
+        after = trial.cost()
+        if after < value:
+            fit = trial
+            value = after
+            damping = max(damping / 5, _LEAST)
+        else:
+            damping *= 10
+    return fit, min(damping, 1.0)
 
 
 def _winsorised(residual: Array) -> float:
@@ -240,76 +258,135 @@ def zeros(logs: Sequence[ServoLog]) -> Array:
     return np.minimum(_TICKS * np.array(ticks), OFFSET)
 
 
-class Spread(NamedTuple):
-    """Uncertainty of k fitted parameters."""
+_PRIOR_DEGREES = 4.0  # of freedom that the arm's common dispersion adds to a number's own
+# of real logs, and the least where a residual is above the encoder's resolution: such a model error
+# may be the same in all clusters
+_DISPERSED = 10.0
 
-    covariance: Array  # (k, k) covariance of the parameters
-    moved: Array  # (k, 2 n) their change by offsets of the zeros, and by play
+
+class Spread(NamedTuple):
+    """Uncertainty of k fitted parameters, by clusters of samples.
+
+    Residuals of a simulation are correlated over seconds, and model errors persist throughout a
+    log, so the variance between clusters is a multiple of that of independent samples: the
+    dispersion. Few clusters tell it badly for one number, but servos of one arm are alike: the mean
+    of all numbers counts as `_PRIOR_DEGREES` further degrees of freedom (Smyth, Statistical
+    Applications in Genetics and Molecular Biology 3(1), 2004).
+    """
+
     free: Indices  # (f,) indices of the fitted ones
-    jackknife: Array  # (f, f) part of the covariance from differences between clusters
-    information: Array  # (G, f, f) information of every cluster
     inverse: Array  # (f, f) inverse of all clusters' information and the prior's
-    without: Array = np.zeros((0, 0))  # (G, k) change of the parameters without each cluster
+    information: Array  # (G, f, f) information of every cluster
+    scores: Array  # (G, f) slope of the cost of every cluster
+    # (k, k) covariance that clusters do not tell: by the prior, the zeros, backlash within the loop
+    # and the simulation's own accuracy
+    rest: Array
+    moved: Array  # (k, 4 n) change of the parameters by what the equation lacks: `Simulated.moved`
+    size: Array  # (4 n,) of each of these that the residual shows
+    gain: Array  # (4 n,) decrease of the cost by it
+    without: Array  # (G, k) change of the parameters without each cluster, by a Gauss–Newton step
+    common: float  # mean dispersion of all numbers of the arm, or the least for such residuals
+
+    def own(self, direction: Array) -> tuple[float, float]:
+        """Dispersion of a combination of the parameters (k,), and its degrees of freedom.
+
+        If one log contains most of the information about it, these are fewer than clusters, and the
+        log's residual is small as it was fitted to it: Satterthwaite's degrees and the expectation
+        for equal dispersions correct for both (Bell and McCaffrey, Survey Methodology 28, 2002).
+        """
+        c = self.inverse @ direction[self.free]
+        own = self.information @ c
+        seen = own @ self.inverse
+        M = np.diag(own @ c) - 2 * seen @ own.T
+        M += seen @ self.information.sum(axis=0) @ seen.T
+        M += M.mean() - M.mean(axis=0) - M.mean(axis=1)[:, None]
+        expected = float(np.trace(M))
+        if expected <= 1e-12 * (own @ c).sum():
+            return 0.0, 0.0
+        y = self.scores @ c
+        return float(np.sum((y - y.mean()) ** 2)) / expected, expected**2 / float(np.sum(M**2))
+
+    def dispersion(self, direction: Array) -> tuple[float, float]:
+        """Dispersion of a combination, moderated by the common one, and degrees of freedom."""
+        ratio, degrees = self.own(direction)
+        total = degrees + _PRIOR_DEGREES
+        return (degrees * ratio + _PRIOR_DEGREES * self.common) / total, total
+
+    @property
+    def between(self) -> Array:
+        """(k, k) covariance from differences between clusters."""
+        k = len(self.rest)
+        whole = np.zeros((k, k))
+        independent = self.inverse @ self.information.sum(axis=0) @ self.inverse
+        whole[np.ix_(self.free, self.free)] = independent
+        deviations = np.sqrt([self.dispersion(one)[0] for one in np.eye(k)])
+        return whole * np.outer(deviations, deviations)
+
+    @property
+    def covariance(self) -> Array:
+        """(k, k) covariance of the parameters."""
+        return self.between + self.rest
 
     def quantile(self, direction: Array) -> float:
         """Of Student's t, for the 95 % interval of a combination of the parameters (k,).
 
-        If one log contains most of the information about it, there are fewer degrees of freedom
-        than clusters: Satterthwaite's (Bell and McCaffrey, Survey Methodology 28, 2002), more where
-        the jackknife is a small part of the variance, and at most those of equal clusters.
+        More degrees of freedom where `rest` is a large part of the variance.
         """
-        c = direction[self.free]
-        most = len(self.information) - 1
-        part = float(c @ self.jackknife @ c)
-        if part <= 0:
-            return float(stats.t.ppf(0.975, most))
-        own = self.information
-        A = self.inverse
-        left_out = np.linalg.solve(
-            np.linalg.inv(A) - own, np.broadcast_to(c, own[..., 0].shape)[..., None]
-        )[..., 0]
-        scores = np.einsum("gij,gj->gi", own, left_out)
-        seen = scores @ A
-        M = np.diag(np.einsum("gi,gi->g", scores, left_out)) - 2 * seen @ scores.T
-        M += seen @ own.sum(axis=0) @ seen.T
-        M += M.mean() - M.mean(axis=0) - M.mean(axis=1)[:, None]
-        whole = direction @ self.covariance @ direction
-        degrees = np.trace(M) ** 2 / np.sum(M**2) * (whole / part) ** 2
-        return float(stats.t.ppf(0.975, np.clip(degrees, 1.0, most)))
+        part = float(direction @ self.between @ direction)
+        whole = part + float(direction @ self.rest @ direction)
+        share = max(part, 1e-3 * whole) / max(whole, 1e-300)
+        return float(stats.t.ppf(0.975, self.dispersion(direction)[1] / max(share, 1e-3) ** 2))
 
 
-def covariance_of(fit: OutputError, cluster: Indices, zero: Array) -> Spread:
-    """The covariance of a fit's parameters, and their change by offsets `zero` (n,) and by play.
+def spreads(
+    fits: Sequence[OutputError], cluster: Indices, zero: Sequence[Array] | Array
+) -> list[Spread]:
+    """The uncertainty of fits of one arm, with offsets `zero` (n,) of the targets of each."""
+    found = [_spread(fit, cluster, own) for fit, own in zip(fits, zero, strict=True)]
+    own = np.array([s.own(one) for s in found for one in np.eye(len(s.rest))[s.free]])
+    degrees = own[:, 1].sum()
+    common = float(own[:, 0] @ own[:, 1] / degrees) if degrees else _DISPERSED
+    return [_with_slack(one._replace(common=max(common, one.common))) for one in found]
 
-    The covariance is that of the jackknife over clusters, each left out by one Gauss–Newton step,
-    plus the prior's part A⁻¹ P A⁻¹, plus that of the zeros. Residuals of a simulation are
-    correlated over seconds, and model errors persist throughout a log: treating residuals as
-    independent would make intervals many times too narrow. Play is not included: it causes no
-    residual, and hardly moves joints whose load keeps its sign.
-    """
+
+def _spread(fit: OutputError, cluster: Indices, zero: Array) -> Spread:
+    """Without backlash; `common` is the least of a residual above the encoder's resolution."""
     weight = weights(fit.of, fit.residual, fit.sigma)
     free = fit.prior.free
     P = np.diag(fit.prior.deviation[free] ** -2.0)
     weighted = fit.jacobian * weight[:, None]
-    count = int(cluster.max()) + 1
-    H = weighted.T @ fit.jacobian + P
-    shifts = []
-    information = np.empty((count, *H.shape))
-    for k in range(count):
-        own = cluster == k
-        information[k] = weighted[own].T @ fit.jacobian[own]
-        score = weighted[own].T @ fit.residual[own]
-        shifts.append(np.linalg.solve(H - information[k], score))
-    A: Array = np.asarray(np.linalg.inv(H), dtype=np.float64)
-    apart = np.array(shifts) - np.mean(shifts, axis=0)
-    jackknife = apart.T @ apart * max(count - 1, 1) / count
-    out = np.zeros((len(fit.x), len(fit.x)))
-    offset = fit.of.moved(fit.x, zero)
-    moved = np.zeros((len(fit.x), offset.shape[1]))
-    moved[free] = A @ weighted.T @ offset
-    own = _NUMERICAL**2 * np.eye(len(free))
-    out[np.ix_(free, free)] = jackknife + A @ P @ A + own
+    clusters = [cluster == k for k in range(int(cluster.max()) + 1)]
+    information = np.array([weighted[own].T @ fit.jacobian[own] for own in clusters])
+    scores = np.array([weighted[own].T @ fit.residual[own] for own in clusters])
+    H = information.sum(axis=0) + P
+    A = np.asarray(np.linalg.inv(H), dtype=np.float64)
+    without = np.zeros((len(clusters), len(fit.x)))
+    without[:, free] = np.linalg.solve(H - information, scores[..., None])[..., 0]
+    effect = fit.of.moved(fit.x, zero)
+    seen = weighted.T @ effect
+    moved = np.zeros((len(fit.x), effect.shape[1]))
+    moved[free] = A @ seen
+    left = np.sum(effect**2 * weight[:, None], axis=0) - np.sum(seen * moved[free], axis=0)
+    size = -(weight * fit.residual) @ effect / np.maximum(left, 1e-300)
+    size[2 * len(zero) :] = np.clip(size[2 * len(zero) :], 0.0, np.tile(PLAY * zero, 2))
     by_zero = moved[:, : len(zero)]
-    without = np.zeros((count, len(fit.x)))
-    without[:, free] = shifts
-    return Spread(out + by_zero @ by_zero.T, moved, free, jackknife, information, A, without)
+    rest = by_zero @ by_zero.T
+    rest[np.ix_(free, free)] += A @ P @ A + _NUMERICAL**2 * np.eye(len(free))
+    steps = zero / _TICKS / np.sqrt(12)  # rms of an encoder's error, or less
+    unexplained = 1 - np.minimum(steps / (fit.sigma * fit.of.unit), 1.0) ** 2
+    least = _DISPERSED * float(unexplained.mean())
+    return Spread(free, A, information, scores, rest, moved, size, size**2 * left, without, least)
+
+
+def _with_slack(spread: Spread) -> Spread:
+    """With the change of the parameters by the backlash of each joint that its residual shows.
+
+    It is within the servo's loop or behind it, whichever lowers the cost more; as any further
+    number lowers it by the dispersion, that share of it is not counted.
+    """
+    n = spread.moved.shape[1] // 4
+    places = np.arange(n) + 2 * n
+    at = np.where(spread.gain[places] > spread.gain[places + n], places, places + n)
+    shown = np.maximum(1 - spread.common / np.maximum(spread.gain[at], 1e-300), 0.0)
+    slack = _PULLS * spread.moved[:, at] * spread.size[at] * shown
+    return spread._replace(rest=spread.rest + slack @ slack.T)

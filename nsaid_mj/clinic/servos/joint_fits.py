@@ -24,7 +24,6 @@ from .fit import (
     ARMATURE,
     DAMPING,
     DELAY,
-    STEP,
     JointFit,
     OutputError,
     ServoPrior,
@@ -180,15 +179,16 @@ class _Moving:
     """The samples of a log that move, on an even grid; `columns` are (N, 4) at these samples."""
 
     def __init__(self, log: JointLog):
-        self._log = log
         step = float(np.median(np.diff(log.t)))
-        self._cut = min(0.8, 2 * _CUT * step)
+        cut = min(0.8, 2 * _CUT * step)
         t = np.arange(log.t[0], log.t[-1], step)
         self._t = t if len(t) >= 20 else t[:0]
         self.columns = np.zeros((0, 4))
         if not len(self._t):
             return
-        self._q = signals.low_pass(np.interp(t, log.t, log.position), self._cut)
+        held = log.target[np.searchsorted(log.t, t, side="right") - 1]
+        self._u = signals.low_pass(held, cut)
+        self._q = signals.low_pass(np.interp(t, log.t, log.position), cut)
         v = np.gradient(self._q, step)
         acceleration = np.gradient(v, step)
         gravity, inertia = (np.interp(t, log.t, x) for x in (log.load, log.inertia))
@@ -201,9 +201,7 @@ class _Moving:
         """(N,) left sides u(t − d) − q, for a delay d [s]."""
         if not len(self._t):
             return np.zeros(0)
-        log = self._log
-        at = np.searchsorted(log.t, self._t - delay, side="right") - 1
-        u = signals.low_pass(log.target[np.clip(at, 0, None)], self._cut)
+        u = np.interp(self._t - delay, self._t, self._u)
         return np.asarray((u - self._q)[self._used], dtype=np.float64)
 
 
@@ -225,7 +223,8 @@ def _robust(A: Array, y: Array) -> tuple[Array, float]:
 _OWN = 5  # parameters of a joint
 _UNSURE = 1.0  # standard deviation of ln s before the log
 _REACH = 0.15  # of each coordinate of a load whose place is not known [m]
-_SHIFT = 5e-3  # of central differences of the place [m]
+_LIGHTER = 0.04  # of central differences of ln μ
+_SHIFT = 5e-3  # and of the place [m]
 
 _PLACES = 0.1 * np.array(
     [np.zeros(3), *np.eye(3), *-np.eye(3), *(1 - np.eye(3))]
@@ -259,33 +258,29 @@ class Arm:
 
     The parameters x are (n, 5) ln θ of the joints in a row, ln μ, and the load's place (3,) in the
     frame of the joint that carries it [m]. The logs are free, then loaded ones, with loads that do
-    not include accelerations; sigma (n,) are robust rms of the joints' residuals [rad or m], and
+    not include accelerations; unit (n,) are robust rms of the joints' residuals [rad or m], and
     used (N,) is 1 of samples that count.
     """
 
     def __init__(
-        self, robot: RobotModel, logs: Sequence[ServoLog], load: Load, sigma: Array, used: Array
+        self, robot: RobotModel, logs: Sequence[ServoLog], load: Load, unit: Array, used: Array
     ):
         self.joint, alone = carrier(robot.model, load)[0], without_armature(robot.model)
         models = [alone, *(with_mass(alone, self.joint, 1.0, at) for at in _PLACES)]
         self._logs = [[weighed(m, log) for m in models] if log.loaded else [log] for log in logs]
-        self.sigma, self.used = sigma, np.tile(used, len(sigma))  # (n,), (n N,)
+        self.unit, self.used = unit, np.tile(used, len(unit))  # (n,), (n N,)
         own = np.concatenate([np.gradient(log.t) for log in logs])
-        self.spacing: Array = np.tile(own, len(sigma))
+        self.spacing: Array = np.tile(own, len(unit))
 
     def logs(self, x: Array) -> list[ServoLog]:
         """The logs, loaded ones with the loads that μ and the place in x make."""
         shares = np.exp(x[-4]) * np.linalg.solve(_quadratic(_PLACES).T, _quadratic(x[-3:]))
         return [_with_share(log, own, shares) if own else log for log, *own in self._logs]
 
-    def residual(self, x: Array) -> Array:
-        """(n N,) residuals over `sigma`, joint after joint."""
-        return self._residual(x, self.logs(x))
-
     def _residual(self, x: Array, logs: Sequence[ServoLog]) -> Array:
         theta = np.exp(x[:-4]).reshape(-1, _OWN)
         apart = np.concatenate([coupled(log, theta)[0] - log.position for log in logs])
-        return np.asarray(apart / self.sigma, dtype=np.float64).T.ravel()
+        return np.asarray(apart / self.unit, dtype=np.float64).T.ravel()
 
     def joints(self, x: Array) -> list[tuple[JointFit, Array]]:
         """Every joint's simulation with the loads that the others' motion exerts, and its ln θ."""
@@ -295,29 +290,33 @@ class Arm:
         return [(JointFit([log.joint(j) for log in logs], used), of) for j, of in enumerate(own)]
 
     def moved(self, x: Array, zero: Array) -> Array:
-        """(n N, 2 n) change of the residual by offsets `zero` (n,) of the targets, and by play."""
-        each = zip(self.joints(x), zero, self.sigma, strict=True)
-        found = [joint.moved(own, one) / sigma for (joint, own), one, sigma in each]
-        shifts = np.stack(found).transpose(2, 0, 1)[..., None]  # (2, n, N, 1)
+        """(n N, 4 n) change of the residual by offsets `zero` (n,) of the targets, and by play."""
+        each = zip(self.joints(x), zero, self.unit, strict=True)
+        found = [joint.moved(own, one) / unit for (joint, own), one, unit in each]
+        shifts = np.stack(found).transpose(2, 0, 1)[..., None]  # (4, n, N, 1)
         return np.hstack([_blocks(own) for own in shifts])
 
-    def jacobian(self, x: Array, free: Indices) -> Array:
-        """(n N, k) central differences; a joint's own parameters change its own rows alone."""
+    def linear(self, x: Array, free: Indices) -> tuple[Array, Array]:
+        """(n N,) residuals over `unit`, joint after joint, and (n N, k) derivatives.
+
+        A joint's own parameters change its own rows alone; those of the load are differentiated by
+        central differences.
+        """
         every = np.arange(_OWN)
         own = [
-            joint.jacobian(theta, every) / sigma
-            for (joint, theta), sigma in zip(self.joints(x), self.sigma, strict=True)
+            joint.linear(theta, every)[1] / unit
+            for (joint, theta), unit in zip(self.joints(x), self.unit, strict=True)
         ]
         columns = [_blocks(own)]
-        for i, step in zip(range(len(x) - 4, len(x)), (STEP, *3 * (_SHIFT,)), strict=True):
+        for i, step in zip(range(len(x) - 4, len(x)), (_LIGHTER, *3 * (_SHIFT,)), strict=True):
             sides = []
             for y in (x.copy(), x.copy()):
                 y[i] += step * (1 - 2 * len(sides))
                 sides.append(self._residual(y, [log for log in self.logs(y) if log.loaded]))
-            change = ((sides[0] - sides[1]) / (2 * step)).reshape(len(self.sigma), -1)
+            change = ((sides[0] - sides[1]) / (2 * step)).reshape(len(self.unit), -1)
             alone = len(own[0]) - change.shape[1]  # samples without the load come first
             columns.append(np.pad(change, ((0, 0), (alone, 0))).reshape(-1, 1))
-        return np.hstack(columns)[:, free]
+        return self._residual(x, self.logs(x)), np.hstack(columns)[:, free]
 
 
 def weigh(given: ServoLogs, fitted: JointFits) -> tuple[OutputError[Arm], Array]:

@@ -22,7 +22,7 @@ from ..logs.formats.run import FOLLOWED
 from ..logs.layout import Layout, layout
 from ..logs.mapping import ColumnMap, Joint, Map
 from ..logs.matching import candidates, is_gripper, lacking_targets, match_targets
-from ..logs.phases import Event, events_of
+from ..logs.phases import Event, events_of, events_stated
 from ..logs.remedies import remedy_of
 from ..logs.tables import LogTable, join
 from ..logs.unusable import UnmatchedChannels, UnusableLog
@@ -238,6 +238,7 @@ def _stretches(
     if min(len(signal.t) for signal in every) < 10:
         short.append(ShortStretch(recording.source, (1, len(t)), float(np.ptp(t)) if len(t) else 0))
         return [], findings
+    findings = (*findings, *events_stated(recording.source, events, t[0], t[-1]))
     inside = (t >= max(s.t[0] for s in every)) & (t <= min(s.t[-1] for s in measured))
     for event in events:
         inside &= (t < event.start) | (t > event.end)

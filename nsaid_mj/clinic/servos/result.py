@@ -133,8 +133,8 @@ def parameters(k: int, joint: JointEstimate, scale: MassScale | None) -> tuple[P
             combination = _ratios(joint)
         combination = doubt or combination
         value, low, high = (float(v) for v in np.exp([x, x - half, x + half]))
-        if half > 1.0 and short != "kp":
-            low = 0.0  # the motion is linear in all but kp, and hardly differs without it
+        if short != "kp":
+            low = value * max(1 - half, 0.0)  # the motion is linear in all but kp
         if half >= _WIDEST:
             low = 0.0
             high = np.inf

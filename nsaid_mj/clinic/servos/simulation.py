@@ -47,6 +47,8 @@ class Effects(NamedTuple):
 
 
 NONE = Effects()
+COLUMNS = 8
+"""Derivatives of a position: by ln θ (5,), by the two effects, and 0, for whole registers."""
 
 
 def simulate(log: JointLog, theta: Array, effects: Effects = NONE) -> Array:
@@ -54,12 +56,25 @@ def simulate(log: JointLog, theta: Array, effects: Effects = NONE) -> Array:
 
     theta (5,) are T [s], f [rad], g [rad/(N·m)], a [s²], d [s]; of a slide in m instead of rad.
     """
+    return _moved(log, theta, effects, 0)[0]
+
+
+def differentiated(log: JointLog, theta: Array, effects: Effects = NONE) -> tuple[Array, Array]:
+    """(N,) positions, as `simulate`, and (N, 7) derivatives by ln θ and by the effects.
+
+    They are exact: a step's position is continuous in θ, also where the joint sticks or slips.
+    """
+    q, slope = _moved(log, theta, effects, len(log.t))
+    return q, slope[:, :-1]
+
+
+def _moved(log: JointLog, theta: Array, effects: Effects, rows: int) -> tuple[Array, Array]:
     out = np.empty(len(log.t))
-    last = len(log.t) - 1
-    out[0] = q = log.position[0]
+    out[0] = log.position[0]
+    slope = np.zeros((rows, COLUMNS))
     apart = log.t, log.target, log.load, log.inertia, log.limit
-    move(*apart, log.own(theta), effects, STEP, 0, last, 0, q, 0.0, out)
-    return out
+    move(*apart, log.own(theta), effects, STEP, out, slope)
+    return out, slope
 
 
 @kernel(error_model="numpy")
@@ -79,46 +94,112 @@ def _area(t, target, held, begin, h):
 
 
 @kernel(error_model="numpy")
-def move(t, target, load, inertia, limit, theta, effects, longest, first, last, held, q, v, out):
-    """Writes the positions after sample `first` up to sample `last` to `out` (N,).
+def _held(t, target, held, end):
+    """The target in force just before a time, not before number `held`."""
+    while held < len(t) - 1 and t[held + 1] < end:
+        held += 1
+    return target[held]
 
-    Returns position, velocity and number of the target in force at sample `last`, from those at
-    sample `first`.
+
+@kernel(error_model="numpy")
+def _share(decay):
+    """Share of a step's end in its mean speed, from h T/J."""
+    return 1 / (1 - np.exp(-decay)) - 1 / decay if decay > 1e-3 else 0.5
+
+
+@kernel(error_model="numpy")
+def _slopes(of_J, of_part, decay, a, moved):
+    """The derivatives of J = a + `moved`, and those of `_share`, by ln θ."""
+    rise = decay / 12
+    if decay > 1e-3:
+        left = np.exp(-decay)
+        rise = 1 / decay - decay * left / (1 - left) ** 2
+    of_J[2] = moved
+    of_J[3] = a
+    of_part[0] = rise
+    of_part[2] = -rise * moved / (a + moved)
+    of_part[3] = -rise * a / (a + moved)
+
+
+@kernel(error_model="numpy")
+def _carry(
+    of_q, of_v, of_J, of_part, of_drive, inverse, kept, pull, braked, change, early, late, h
+):
+    """The derivatives of a step's position and speed, from those before it."""
+    for k in range(COLUMNS):
+        new = (of_J[k] + braked * of_part[k]) * change + kept * of_v[k] - pull * of_q[k]
+        new = inverse * (new + of_drive[k])
+        of_q[k] += early * of_v[k] + late * new - h * of_part[k] * change
+        of_v[k] = new
+
+
+@kernel(error_model="numpy")
+def move(t, target, load, inertia, limit, theta, effects, longest, out, slope):
+    """Writes the positions after the first sample to `out` (N,), whose first entry is the start.
 
     Steps of the θ-method; the joint sticks where friction can hold what drives it. θ between 1/2
     and 1 makes the decay of a speed by damping alone, exp(−h T/J), exact, so that steps may be
     longer than J/T. The target is averaged over each step after its delay, so that positions are
     continuous in it. A servo that saturates exerts its largest force over a step.
+
+    The derivatives of the positions by ln θ and by `effects` are written to `slope` (N, `COLUMNS`),
+    or nowhere if it has no rows. They obey the derivative of each step: a joint that sticks keeps
+    those of its position, and forgets those of its speed.
     """
     T, f, g, a, d = theta
     stribeck, rising = effects
-    for i in range(first, last):
+    of_q, of_v, of_J, of_part, of_drive = np.zeros((5, COLUMNS))
+    q = out[0]
+    v = 0.0
+    held = 0
+    for i in range(len(t) - 1):
         steps = int(np.ceil((t[i + 1] - t[i]) / longest))
         h = (t[i + 1] - t[i]) / steps
-        J = a + g * (inertia[i] + inertia[i + 1]) / 2
-        decay = h * T / J
+        moved = g * (inertia[i] + inertia[i + 1]) / 2
+        J = a + moved
         resisted = h * T + h * h / 2
-        part = 1 / (1 - np.exp(-decay)) - 1 / decay if decay > 1e-3 else 0.5
+        part = _share(h * T / J)
+        if len(slope):
+            _slopes(of_J, of_part, h * T / J, a, moved)
         for s in range(steps):
-            area, held = _area(t, target, held, t[i] + s * h - d, h)
-            w = (s + 0.5) / steps
-            hold = g * ((1 - w) * load[i] + w * load[i + 1])
+            begin = t[i] + s * h - d
+            area, held = _area(t, target, held, begin, h)
+            hold = g * (load[i] + (s + 0.5) / steps * (load[i + 1] - load[i]))
             error = area - h * q
-            grip = h * (f + rising * abs(hold))
-            if stribeck > 0:
-                grip += h * stribeck * np.exp(-((v / FALL) ** 2))
-            drive = (J - (1 - part) * resisted) * v + error - h * hold
+            fallen = np.exp(-((v / FALL) ** 2)) if stribeck > 0 or len(slope) else 0.0
+            grip = h * (f + rising * abs(hold) + stribeck * fallen)
+            kept = J - (1 - part) * resisted
+            m = J + part * resisted
+            drive = kept * v + error - h * hold
             before = v
             v = 0.0
             if abs(drive) > grip:
-                v = (drive - np.sign(drive) * grip) / (J + part * resisted)
-            servo = error - resisted * ((1 - part) * before + part * v)
-            if abs(servo) > h * g * limit:
+                v = (drive - np.sign(drive) * grip) / m
+            mean = (1 - part) * before + part * v
+            servo = error - resisted * mean
+            full = abs(servo) > h * g * limit
+            if full:
+                kept = m = J
                 drive = J * before + np.sign(servo) * h * g * limit - h * hold
                 v = np.sign(drive) * max(abs(drive) - grip, 0.0) / J
-            q += h * ((1 - part) * before + part * v)
+                mean = (1 - part) * before + part * v
+            q += h * mean
+            if len(slope) == 0 or (before == 0.0 and v == 0.0):
+                continue
+            # where it slips, v = (kept before + drive − grip) / m; a full servo feels no error
+            side, free = np.sign(v), 0.0 if full else 1.0
+            of_load = (np.sign(servo) * h * g * limit if full else 0.0) - h * (
+                hold + side * rising * abs(hold)
+            )
+            of_delay = free * d * (target[held] - _held(t, target, held, begin + h))
+            of_drive[:5] = -free * h * T * mean, -side * h * f, of_load, 0.0, of_delay
+            of_drive[5:7] = -side * h * fallen, -side * h * abs(hold)
+            kept += side * h * stribeck * 2 * before / FALL**2 * fallen
+            linear = abs(side) / m, kept, free * h, free * resisted, before - v
+            _carry(of_q, of_v, of_J, of_part, of_drive, *linear, h * (1 - part), h * part, h)
         out[i + 1] = q
-    return q, v, held
+        if len(slope):
+            slope[i + 1] = of_q
 
 
 @kernel(error_model="numpy")
@@ -143,10 +224,9 @@ def move_arm(t, target, load, mass, limit, theta, longest, q, v):
         for j in range(n):
             T, f, g, a, _ = theta[j]
             J[j] = a + g * M[j, j]
-            decay = h * T / J[j]
             resisted[j] = h * T + h * h / 2
             grip[j] = h * f
-            part[j] = 1 / (1 - np.exp(-decay)) - 1 / decay if decay > 1e-3 else 0.5
+            part[j] = _share(h * T / J[j])
         for s in range(steps):
             w = (s + 0.5) / steps
             for j in range(n):

@@ -47,7 +47,7 @@ def contact_jacobians(
     Both are in the common frame: of a floating base its own at each sample, else the world's. Rows
     follow one another contact by contact, forces [linear, then angular if flat].
     """
-    J, _, places = _contact_motion(structure, contacts, q, np.zeros((len(q), structure.n)))
+    J, _, places = _contact_motion(structure, contacts, q)
     return J, places
 
 
@@ -77,10 +77,15 @@ def contact_accelerations(
 
 
 def _contact_motion(
-    structure: Structure, contacts: Sequence[ContactPoint], q: Array, v: Array
+    structure: Structure, contacts: Sequence[ContactPoint], q: Array, v: Array | None = None
 ) -> tuple[Array, Array, Array]:
-    """(N, c, n) J and J̇, in an inertial frame, and (N, k, 3) the contacts' places."""
+    """(N, c, n) J and J̇, in an inertial frame, and (N, k, 3) the contacts' places.
+
+    J̇ is 0 without velocities v (N, n).
+    """
     n = structure.n
+    still = v is None
+    v = np.zeros((len(q), n)) if v is None else v
     bodies = len(structure.bodies)
     states = np.empty((len(q), (bodies + n + 1) * FRAME + 36 * len(structure.arrays.terms)))
     q = np.array(q, dtype=np.float64, order="C")
@@ -95,22 +100,25 @@ def _contact_motion(
         frame = states[:, contact.body * FRAME : (contact.body + 1) * FRAME]
         turned = frame[:, :9].reshape(-1, 3, 3) @ np.asarray(contact.centre, float)
         point = frame[:, POSITION : POSITION + 3] + turned
-        twist = frame[:, TWIST : TWIST + 6]
-        speed = (twist[:, :3] + np.cross(twist[:, 3:], point))[:, None]  # the centre's
+        centre = point
         if contact.radius:
             point = point - contact.radius * _normals(structure, contact, q, ground)
         places[:, k] = point
         moving = structure.path(contact.body)
         S = axes[:, moving, :6]
-        rate = axes[:, moving, RATE : RATE + 6]
         linear = S[:, :, :3] + np.cross(S[:, :, 3:], point[:, None])
-        moved = rate[:, :, :3] + np.cross(rate[:, :, 3:], point[:, None])
-        moved += np.cross(S[:, :, 3:], speed)
         J[:, first : first + 3, moving] = np.swapaxes(linear, 1, 2)
-        change[:, first : first + 3, moving] = np.swapaxes(moved, 1, 2)
         if contact.flat:
             J[:, first + 3 : first + 6, moving] = np.swapaxes(S[:, :, 3:], 1, 2)
-            change[:, first + 3 : first + 6, moving] = np.swapaxes(rate[:, :, 3:], 1, 2)
+        if not still:
+            rate = axes[:, moving, RATE : RATE + 6]
+            twist = frame[:, TWIST : TWIST + 6]
+            speed = (twist[:, :3] + np.cross(twist[:, 3:], centre))[:, None]
+            moved = rate[:, :, :3] + np.cross(rate[:, :, 3:], point[:, None])
+            moved += np.cross(S[:, :, 3:], speed)
+            change[:, first : first + 3, moving] = np.swapaxes(moved, 1, 2)
+            if contact.flat:
+                change[:, first + 3 : first + 6, moving] = np.swapaxes(rate[:, :, 3:], 1, 2)
         first += contact.rows
     return J, change, places
 
@@ -176,7 +184,6 @@ class Elimination:
         `touching` (N, k) says which of the k contacts exert a force, all by default; `weights` (n,)
         are D; velocities v (N, n), 0 by default, are those of `rate`.
         """
-        v = np.zeros((len(q), structure.n)) if v is None else v
         J, self._change, self.places = _contact_motion(structure, contacts, q, v)
         self._weights = weights_of(structure) if weights is None else weights
         if touching is not None:

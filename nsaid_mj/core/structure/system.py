@@ -21,6 +21,8 @@ from numpy.typing import ArrayLike
 
 from ...base import InvalidInput
 from ..log import Log, Measurement
+from ..numerics.low_pass import zero_phase
+from ..numerics.spatial import continuous_signs
 from ..parameters import Array, Indices, ParameterSpace, finite
 from .arrays import StructureArrays
 from .configuration_space import plain
@@ -195,6 +197,30 @@ class SecondOrderSystem(SensedKinematics, ABC):
         motion = map(plain, (q, v, a))
         torques_along(self.structure.arrays, *self.structure.memory(), theta, *motion, found)
         return found
+
+    def smoothed(self, log: Log, cutoff: float) -> Log:
+        """The log with q and v passed through a zero-phase Butterworth filter; u is unchanged.
+
+        Positions on a manifold are filtered component by component; each measured position is then
+        moved along its tangent space towards the filtered value, so that it remains on the
+        manifold. The log has a constant rate; the cut-off [Hz] is limited to 0.8 of the Nyquist
+        frequency.
+        """
+        rate = 1 / log.step
+        cutoff = min(cutoff, 0.4 * rate)
+        q = log.q
+        if self.group == 6:
+            q = q.copy()
+            q[:, 3:7] *= continuous_signs(q[:, 3:7])[:, None]
+        filtered = zero_phase(q, cutoff, rate)
+        if self.m != self.n:
+            J = np.array([self.J(z) for z in q])
+            along = np.einsum("kmn,km->kn", J, filtered - q)
+            metric = np.einsum("kmi,kmj->kij", J, J)
+            steps = np.linalg.solve(metric, along[..., None])[..., 0]
+            pairs = zip(q, steps, strict=True)
+            filtered = np.array([self.integrate(place, step) for place, step in pairs])
+        return log._replace(q=filtered, v=zero_phase(log.v, cutoff, rate))
 
     def acceleration_rows(self, log: Log, theta: Array) -> Array | None:
         """(N, n, p) −M⁻¹ W diag(scale) along a log at θ (p,); None where M is not ≻ 0."""

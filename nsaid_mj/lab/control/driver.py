@@ -62,6 +62,13 @@ class InformedDriver(Driver):
 
     period: float  # interval at which it is informed [s]; infinite if it never is
 
+    def steps(self, dt: float) -> float:
+        """Time steps of dt [s] between two estimates; infinite if it wants none.
+
+        They do not depend on the observers, so these do not change a run.
+        """
+        return max(1.0, float(np.round(self.period / dt)))
+
     @abstractmethod
     def inform(self, theta_hat: Array) -> None:
         """Receives the estimate θ̂ (p,) of the run's identifier, every `period`."""

@@ -19,7 +19,6 @@ from ...report import (
     Fold,
     HeatMap,
     Items,
-    Mark,
     Page,
     PageItem,
     Result,
@@ -79,11 +78,12 @@ def page(
     forces = [panel for panel in result.curves if isinstance(panel, Comparison)]
     curves = [panel for panel in result.curves if isinstance(panel, Curves) and panel.page]
     origin = result.origin
-    more, figures, gains, *rest = drawn(curves[2:]), *made.sections
+    more = drawn(curves[2:])
+    gains, statistics, *rest = made.sections
     shown = drawn(forests([p for p in result.gains if p.relative is not None]))
     sections = [
-        replace(figures, beside=robot_picture(run.looks, run.record["q"][0], robot)),
         replace(gains, panels=[*([Figures(shown)] if shown else []), *gains.panels]),
+        replace(statistics, beside=robot_picture(run.looks, run.record["q"][0], robot)),
         Section("Time histories", [Figures(more)] if more else []),
         Section(
             "Predicted against measured forces",
@@ -101,7 +101,10 @@ def page(
         Section("Parameters", [Text(_relative_to(result)), *folds(result, gains=False)]),
         Section("Least known directions of θ/scale", _least_known(result)),
         Section("Correlations of what is identified", _correlated(drawn(_correlations(result)))),
-        Section("The paper's statements on this run", [*statements(checks), *_checks(result)]),
+        Section(
+            "The paper's statements on this run",
+            [*(checks.items() if checks else []), *_checks(result)],
+        ),
     ]
     return replace(
         made,
@@ -128,8 +131,8 @@ def brief(heading: str, result: RunResult) -> Page:
         result=result,
         lead=_lead(result),
         sections=[
-            Section("Figures", [_statistics(result)], brief=True),
             Section("Actuator gains", [*gains_of(result), *held], brief=True),
+            Section("Statistics", [_statistics(result)], brief=True),
             Section("Confidence", _confidence(result), brief=True),
             Section("What cannot be known from motion", unobservable(result), brief=True),
         ],
@@ -137,7 +140,7 @@ def brief(heading: str, result: RunResult) -> Page:
 
 
 def print_result(name: str, result: RunResult, folder: Path) -> None:
-    """Prints the verdict on a run, the figures behind it, and the paths of its files."""
+    """Prints the verdict on a run, gains and statistics, and the paths of its files."""
     file = folder / RECORDING
     seen = f"{file}   (nsaid view {shlex.quote(str(folder))})"
     files = (
@@ -175,7 +178,7 @@ def _statistics(result: Result) -> Table:
         [one.name, *(statistic(value, one.unit) for value in one.values.values())]
         for one in result.statistics
     ]
-    return Table(["figures", *(result.statistics[0].values if result.statistics else ())], lines)
+    return Table(["statistics", *(result.statistics[0].values if result.statistics else ())], lines)
 
 
 def _confidence(result: RunResult) -> list[PageItem]:
@@ -237,37 +240,6 @@ def _checks(result: RunResult) -> list[PageItem]:
     if levels and any(measured):  # 0 or None without a window
         said.append(f"Smallest level of excitation ε₀ of any window: {', '.join(levels)}.")
     return [Text(" ".join(said), note=True)] if said else []
-
-
-def statements(checks: Verification | None) -> list[PageItem]:
-    """The paper's statements with their verdicts, then those that do not apply, by reason."""
-    kinds = {"holds": ("✔", "good"), "not yet": ("◐", "fair"), "fails": ("✘", "poor")}
-    lines = []
-    apart = dict[str, list[str]]()
-    for v in checks.statements if checks is not None else ():
-        if v.verdict in kinds:
-            lines.append([v.statement, v.claim, Mark(*kinds[v.verdict], v.verdict), v.words])
-        else:
-            apart.setdefault(v.words, []).append(f"{v.statement}: {v.claim}")
-    heads = ["statement", "claim", "verdict", "figure"]
-    reasons = [(f"Not applicable: {why}", f"{'; '.join(said)}.") for why, said in apart.items()]
-    return [
-        *([Table(heads, lines, (0, 1, 2, 3))] if lines else []),
-        *([Items(reasons)] if reasons else []),
-    ]
-
-
-def verification_page(name: str, found: Verification) -> Page:
-    """The page of a check of the paper's statements on a run, for the terminal."""
-    lines = [
-        f"{v.verdict:15} {v.statement}: {v.claim}\n{' ' * 20}{v.words}" for v in found.statements
-    ]
-    return Page(
-        heading=name,
-        result=found,
-        lead=f"{found.status}, {found.end:.4g} s simulated",
-        sections=[Section("", [Items(lines)], brief=True)],
-    )
 
 
 def unobservable(result: RunResult) -> list[PageItem]:

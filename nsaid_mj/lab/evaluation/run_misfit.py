@@ -94,7 +94,7 @@ def _pieces(run: Run, log: Log) -> Iterator[tuple[Log, slice, Signals]]:
     from ...watch import Misfit, signals_after
 
     known = [event for event in run.faults if event.kind != "unknown"]
-    first = int(np.searchsorted(log.t, log.t[-1] - Misfit.LONGEST))
+    first = int(np.searchsorted(log.t, log.t[-1] - Misfit.longest(run.system)))
     starts = [0, *(int(np.searchsorted(log.t, event.found)) + 1 for event in known)]
     ends = [*(int(np.searchsorted(log.t, event.time)) for event in known), len(log.t)]
     gaps = np.flatnonzero(np.diff(log.t) > LONGEST_STEP * run.scenario.dt) + 1

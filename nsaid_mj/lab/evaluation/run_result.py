@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...base import Finding
+from ...base import Finding, without_nonfinite
 from ...core import ParameterSpace, phrase
 from ...report import Explains, Parameter, Result, Statistic, Status, share_in_words
 from .confidence import INTERVAL
 from .figures import CONVERGED, common_factor
 from .statistics import (
+    COMPARED,
+    OPTIONAL,
     Accuracy,
     Conditions,
     Definiteness,
@@ -59,7 +61,7 @@ _SAMPLES = {
 
 @dataclass(frozen=True, kw_only=True)
 class RunResult(Result):
-    """The result of a run; `summary.summary_of` writes it as summary.json.
+    """The result of a run; `summary` is the content of its summary.json.
 
     Attributes:
         truth_known: whether the plant's true parameters are known, as in a simulation.
@@ -103,6 +105,28 @@ class RunResult(Result):
     unobservable: tuple[Unobservable, ...] = ()
     cost: RunCost
     origin: Origin
+
+    def summary(self) -> dict[str, Any]:
+        """The content of summary.json; `summary.result_from` reads it.
+
+        Keys of statistics that compare with an unknown truth are absent. Numbers that are not
+        finite are None, as JSON cannot represent them.
+        """
+        known = self.truth_known
+        document = {
+            **_keys_of(self.ending, known),
+            **_keys_of(self.dimensions, known),
+            **(_evaluated(self) if self.recorded else _without_rows(known)),
+            **_keys_of(self.law, known),
+            **_keys_of(self.conditions, known),
+            "faults": [fault.keys() for fault in self.faults],
+            **({"stream": dict(self.samples)} if self.samples else {}),
+            "unobservable": [_keys_of(one, known) for one in self.unobservable],
+            **_keys_of(self.cost, known),
+            **_keys_of(self.origin, known),
+            "verdict": self.verdict,
+        }
+        return without_nonfinite(document)
 
     @property
     def labels(self) -> dict[str, str]:
@@ -362,3 +386,75 @@ def _findings(result: RunResult) -> tuple[Finding, ...]:
     if conditions.sensor_noise:
         found.append(Finding("note", "noise", "sensors", conditions.sensor_noise))
     return tuple(found)
+
+
+_WITHOUT_ROWS = (
+    "velocity_error_rms",
+    "velocity_error_rms_initial",
+    "conserved_drift",
+    "pe_level",
+    "confidence",
+)
+"""Keys that are null if the run ended before its first row."""
+
+_WITHOUT_ROWS_COMPARED = (
+    "r_excited",
+    "theta_perp_ratio_initial",
+    "theta_perp_ratio",
+    "plant_direction_error",
+    "actuator_ratio_error",
+    "force_residual_ratio",
+    "force_residual_floor",
+    "lyapunov_violations",
+    "pe_level_perp",
+    "pe_share_perp",
+    "excited_error_rms",
+    "excited_error_rms_initial",
+)
+"""Keys that are null in such a run, even though its truth is known."""
+
+
+def _evaluated(result: RunResult) -> dict[str, Any]:
+    """The keys that are computed from a record of at least one row."""
+    known = result.truth_known
+    stated = result.confidence
+    return {
+        **_keys_of(result.accuracy, known),
+        **_keys_of(result.theory, known),
+        **_keys_of(result.excitation, known),
+        **_keys_of(result.definiteness, known),
+        "rivals": {name: _keys_of(rival, known) for name, rival in result.rivals.items()},
+        **({} if result.misfit is None else result.misfit.keys()),
+        "confidence": None if stated is None else _keys_of(stated, known),
+        "parameters": [_keys_of(row, known) for row in result.estimates],
+    }
+
+
+def _without_rows(known: bool) -> dict[str, Any]:
+    """Keys and values of the statistics of a run without any row."""
+    keys = _WITHOUT_ROWS + (_WITHOUT_ROWS_COMPARED if known else ())
+    return dict.fromkeys(keys) | {"rivals": {}}
+
+
+def _keys_of(topic: Any, known: bool) -> dict[str, Any]:
+    """The keys of a topic, whose statistics are compared with the truth if that is `known`."""
+    found = {}
+    for one in fields(topic):
+        value = getattr(topic, one.name)
+        absent = (one.metadata.get(COMPARED) and not known) or (
+            one.metadata.get(OPTIONAL) and value is None
+        )
+        if not absent:
+            found[one.name] = _plain(value, known)
+    return found
+
+
+def _plain(value: Any, known: bool) -> Any:
+    """A value for JSON."""
+    if is_dataclass(value):
+        return _keys_of(value, known)
+    if isinstance(value, Mapping):
+        return {key: _plain(item, known) for key, item in value.items()}
+    if isinstance(value, tuple):
+        return [_plain(item, known) for item in value]
+    return value

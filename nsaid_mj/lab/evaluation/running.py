@@ -64,7 +64,9 @@ class RunningMisfit:
             self._begin(len(known))
         self._start = float(log.t[0]) if not self._parts else self._start
         self._parts = Log.extended(self._parts, log)
-        while len(self._parts) > 1 and self._parts[1].t[0] < log.t[-1] - Misfit.LONGEST:
+        while len(self._parts) > 1 and self._parts[1].t[0] < log.t[-1] - Misfit.longest(
+            self._system
+        ):
             self._parts = self._parts[1:]
         duration = float(log.t[-1]) - self._start
         if self._found is not None and duration >= _LATER * self._judged:
@@ -75,7 +77,7 @@ class RunningMisfit:
         drift, _ = drift_of(state)
         if self._found is None and duration >= self._judged and not drift:
             whole = Log.joined(*self._parts)
-            start = int(np.searchsorted(whole.t, whole.t[-1] - Misfit.LONGEST))
+            start = int(np.searchsorted(whole.t, whole.t[-1] - Misfit.longest(self._system)))
             whole = whole.part(start, len(whole.t))
             stated = self._identifier.confidence(state)
             deviations = Confidence.of_gains(stated, state.theta_hat, self._system.space)

@@ -1,4 +1,4 @@
-"""summary.json: a view of a run's result, and its only reader.
+"""The only reader of summary.json, which `RunResult.summary` makes.
 
 A topic of statistics is a stretch of the file: its fields are the keys, in their order.
 """
@@ -8,15 +8,14 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import fields, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from ...base import InvalidInput, shown, without_nonfinite
+from ...base import InvalidInput, shown
 from ...core import FaultEvent, ParameterSpace
 from .run_result import RunResult, judged
 from .statistics import (
-    COMPARED,
     OPTIONAL,
     Accuracy,
     Conditions,
@@ -41,101 +40,6 @@ if TYPE_CHECKING:
 
 SUMMARY_FILE = "summary.json"
 
-_WITHOUT_ROWS = (
-    "velocity_error_rms",
-    "velocity_error_rms_initial",
-    "conserved_drift",
-    "pe_level",
-    "confidence",
-)
-"""Keys that are null if the run ended before its first row."""
-
-_WITHOUT_ROWS_COMPARED = (
-    "r_excited",
-    "theta_perp_ratio_initial",
-    "theta_perp_ratio",
-    "plant_direction_error",
-    "actuator_ratio_error",
-    "force_residual_ratio",
-    "force_residual_floor",
-    "lyapunov_violations",
-    "pe_level_perp",
-    "pe_share_perp",
-    "excited_error_rms",
-    "excited_error_rms_initial",
-)
-"""Keys that are null in such a run, even though its truth is known."""
-
-
-def summary_of(result: RunResult) -> dict[str, Any]:
-    """The content of summary.json.
-
-    Keys of statistics that compare with an unknown truth are absent. Numbers that are not finite
-    are None, as JSON cannot represent them.
-    """
-    known = result.truth_known
-    document = {
-        **_keys_of(result.ending, known),
-        **_keys_of(result.dimensions, known),
-        **(_evaluated(result) if result.recorded else _without_rows(known)),
-        **_keys_of(result.law, known),
-        **_keys_of(result.conditions, known),
-        "faults": [fault.keys() for fault in result.faults],
-        **({"stream": dict(result.samples)} if result.samples else {}),
-        "unobservable": [_keys_of(one, known) for one in result.unobservable],
-        **_keys_of(result.cost, known),
-        **_keys_of(result.origin, known),
-        "verdict": result.verdict,
-    }
-    return without_nonfinite(document)
-
-
-def _evaluated(result: RunResult) -> dict[str, Any]:
-    """The keys that are computed from a record of at least one row."""
-    known = result.truth_known
-    stated = result.confidence
-    return {
-        **_keys_of(result.accuracy, known),
-        **_keys_of(result.theory, known),
-        **_keys_of(result.excitation, known),
-        **_keys_of(result.definiteness, known),
-        "rivals": {name: _keys_of(rival, known) for name, rival in result.rivals.items()},
-        **({} if result.misfit is None else result.misfit.keys()),
-        "confidence": None if stated is None else _keys_of(stated, known),
-        "parameters": [_keys_of(row, known) for row in result.estimates],
-    }
-
-
-def _without_rows(known: bool) -> dict[str, Any]:
-    """Keys and values of the statistics of a run without any row."""
-    keys = _WITHOUT_ROWS + (_WITHOUT_ROWS_COMPARED if known else ())
-    return dict.fromkeys(keys) | {"rivals": {}}
-
-
-def _keys_of(topic: Any, known: bool) -> dict[str, Any]:
-    """The keys of a topic, whose statistics are compared with the truth if that is `known`."""
-    found = {}
-    for one in fields(topic):
-        value = getattr(topic, one.name)
-        absent = (one.metadata.get(COMPARED) and not known) or (
-            one.metadata.get(OPTIONAL) and value is None
-        )
-        if not absent:
-            found[one.name] = _plain(value, known)
-    return found
-
-
-def _plain(value: Any, known: bool) -> Any:
-    """A value for JSON."""
-    if is_dataclass(value):
-        return _keys_of(value, known)
-    if isinstance(value, Mapping):
-        return {key: _plain(item, known) for key, item in value.items()}
-    if isinstance(value, tuple):
-        return [_plain(item, known) for item in value]
-    return value
-
-
 # -- the reader ------------------------------------------------------------------------------------
 
 _REMEDY = "Delete the file: `nsaid view --rebuild` then makes it again from the record."
@@ -144,7 +48,7 @@ _REMEDY = "Delete the file: `nsaid view --rebuild` then makes it again from the 
 def result_from(
     found: Any, space: ParameterSpace | None = None, name: str = SUMMARY_FILE
 ) -> RunResult:
-    """The result, without curves, whose `summary_of` is a value of JSON.
+    """The result, without curves, whose `summary` is a value of JSON.
 
     Args:
         found: the content of a summary.json.

@@ -3,6 +3,8 @@
 Every function in this package that needs the truth takes a `Truth | None`: a robot's log has none.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from functools import cached_property
 from typing import overload
@@ -31,6 +33,17 @@ class Truth:
         # there are none
         self.mismatches: Sequence[str] = setup.plant.mismatches
         self.fault: str = "; ".join(fault.in_words(setup.system) for fault in setup.plant.faults)
+
+    @overload
+    @staticmethod
+    def of(run: SimulatedRun) -> Truth: ...
+    @overload
+    @staticmethod
+    def of(run: Run) -> Truth | None: ...
+    @staticmethod
+    def of(run: Run) -> Truth | None:
+        """The truth of a run's plant; None if the plant was not simulated."""
+        return Truth(run.setup, run.ending.time) if isinstance(run, SimulatedRun) else None
 
     def theta_at(self, t: ArrayLike) -> Array:
         """(..., p) the true θ at times t (...) [s]."""
@@ -104,15 +117,6 @@ class Truth:
         """
         touching = bool(self.system.structure.contacts)
         return None if self.mismatches or touching else self.theta
-
-
-@overload
-def truth_of(run: SimulatedRun) -> Truth: ...
-@overload
-def truth_of(run: Run) -> Truth | None: ...
-def truth_of(run: Run) -> Truth | None:
-    """The truth of a run's plant; None if the plant was not simulated."""
-    return Truth(run.setup, run.ending.time) if isinstance(run, SimulatedRun) else None
 
 
 def nullspace_of(run: Run, truth: Truth | None) -> Nullspace:

@@ -6,6 +6,8 @@ first tenth, *fails* if it has not decayed at all, and is *not yet* settled in b
 about every time step either hold or fail.
 """
 
+from __future__ import annotations
+
 from collections import Counter
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -16,13 +18,13 @@ import numpy as np
 from ...base import BadRun, single_threaded, write_json
 from ...core import ConventionalAID, NullspaceIdentifier, number, rounded
 from ...core import Status as Ended
-from ...report import Explains, Result
+from ...report import Explains, Items, Mark, Page, PageItem, Result, Section, Table
 from ..loop import Run, reopen
 from ..record import Record
 from .run_evaluation import evaluate
 from .run_result import RunResult
 from .statistics import Accuracy, Theory
-from .truth import Truth, truth_of
+from .truth import Truth
 
 VERIFY_FILE = "verify.json"
 SETTLED = 0.1  # last value over first, below which a quantity counts as vanished
@@ -82,6 +84,66 @@ class Verification(Result):
         """Writes verify.json into the run's folder, atomically."""
         write_json(self.file, self.document())
 
+    def items(self) -> list[PageItem]:
+        """The statements with their verdicts, then those that do not apply, by reason."""
+        kinds = {"holds": ("✔", "good"), "not yet": ("◐", "fair"), "fails": ("✘", "poor")}
+        lines = []
+        apart = dict[str, list[str]]()
+        for v in self.statements:
+            if v.verdict in kinds:
+                lines.append([v.statement, v.claim, Mark(*kinds[v.verdict], v.verdict), v.words])
+            else:
+                apart.setdefault(v.words, []).append(f"{v.statement}: {v.claim}")
+        heads = ["statement", "claim", "verdict", "figure"]
+        reasons = [(f"Not applicable: {why}", f"{'; '.join(said)}.") for why, said in apart.items()]
+        return [
+            *([Table(heads, lines, (0, 1, 2, 3))] if lines else []),
+            *([Items(reasons)] if reasons else []),
+        ]
+
+    def page(self, name: str) -> Page:
+        """The page of the check, for the terminal."""
+        lines = [
+            f"{v.verdict:15} {v.statement}: {v.claim}\n{' ' * 20}{v.words}" for v in self.statements
+        ]
+        return Page(
+            heading=name,
+            result=self,
+            lead=f"{self.status}, {self.end:.4g} s simulated",
+            sections=[Section("", [Items(lines)], brief=True)],
+        )
+
+    @staticmethod
+    @single_threaded
+    def of(run: Run, truth: Truth | None, result: RunResult | None = None) -> Verification:
+        """Checks the paper's statements on a finished run, completed or not.
+
+        Without the truth of its plant, statements about the true θ are not applicable. `result` is
+        what `evaluate` makes of the run, if that is known.
+
+        Raises:
+            BadRun: the record is too short.
+        """
+        return _verified(run, truth, result)
+
+    @staticmethod
+    @single_threaded
+    def of_folder(folder: Path) -> Verification:
+        """Checks the statements on a run's folder, from its record alone, and writes verify.json.
+
+        Raises:
+            BadRun: the folder has no readable record, or the record is too short.
+        """
+        record = Record.read(folder)
+        _check_length(folder, record)
+        run = reopen(folder, record)
+        try:
+            found = _verified(run, Truth.of(run), None)
+        except np.linalg.LinAlgError as error:
+            raise BadRun(folder, "its record is damaged", "Run the scenario again") from error
+        found.write()
+        return found
+
 
 _Outcome = tuple[Word, float | None, float | None, str]
 """Verdict, figure, bound and words of a `StatementVerdict`."""
@@ -92,16 +154,8 @@ def _no(why: str) -> _Outcome:
     return "not applicable", None, None, why
 
 
-@single_threaded
-def verify(run: Run, truth: Truth | None, result: RunResult | None = None) -> Verification:
-    """Checks the paper's statements on a finished run, completed or not.
-
-    Without the truth of its plant, statements about the true θ are not applicable. `result` is what
-    `evaluate` makes of the run, if that is known.
-
-    Raises:
-        BadRun: the record is too short.
-    """
+def _verified(run: Run, truth: Truth | None, result: RunResult | None) -> Verification:
+    """See `Verification.of`."""
     _check_length(run.folder, run.record)
     result = result or evaluate(run, truth)
     premises = _premises(run, result)
@@ -276,21 +330,3 @@ def _no_limit(run: Run, result: RunResult) -> str:
         return f"the run ended early: {run.ending.status.words}"
     first = result.accuracy.theta_perp_ratio_initial
     return "θ̂ started in P(θ)" if first is not None and first < UNEXCITED else ""
-
-
-@single_threaded
-def verify_folder(folder: Path) -> Verification:
-    """Checks the statements on a run's folder, from its record alone, and writes verify.json.
-
-    Raises:
-        BadRun: the folder has no readable record, or the record is too short.
-    """
-    record = Record.read(folder)
-    _check_length(folder, record)
-    run = reopen(folder, record)
-    try:
-        found = verify(run, truth_of(run))
-    except np.linalg.LinAlgError as error:
-        raise BadRun(folder, "its record is damaged", "Run the scenario again") from error
-    found.write()
-    return found

@@ -102,8 +102,8 @@ class JointedPlant(KnownPlant, ABC):
             BadRobot: MuJoCo rejects it, or its friction is too fast for the time step.
             EnginesDisagree: MuJoCo and Pinocchio compute different dynamics.
         """
+        from ...robots import quiet
         from .arm import arm_spec, check_stiffness, compare_engines, true_model
-        from .world.quiet import quiet
         from .world.simulated import SimulatedRobot
 
         robot = known.source

@@ -40,7 +40,7 @@ class ColumnRow(SheetTable):
         default=None, description="a magnitude > 0 that you expect; it may be left out"
     )
     command: int | None = Field(
-        default=None, ge=1, description="the number of the command it reads, from 1"
+        default=None, ge=1, le=1000, description="the number of its command, from 1 to 1000"
     )
 
     @model_validator(mode="after")

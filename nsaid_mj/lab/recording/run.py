@@ -20,7 +20,7 @@ from ...report import (
 from ...report import write_recording as write_file
 from ..evaluation.curves import shared
 from ..evaluation.figures import common_factor
-from ..evaluation.page import brief, statements, unobservable
+from ..evaluation.page import brief, unobservable
 from ..evaluation.run_result import RunResult
 from ..evaluation.truth import Truth
 from ..evaluation.verify import Verification
@@ -50,7 +50,7 @@ def write_run_recording(
     name = run.folder.resolve().name
     documents = {
         "result": brief(name, result).markdown(),
-        "statements": "\n".join(item_lines(statements(checks))) or _SHORT,
+        "statements": "\n".join(item_lines(checks.items() if checks else [])) or _SHORT,
         "unknown": "\n".join(item_lines(unobservable(result))),
     }
     space = run.system.space

@@ -29,7 +29,6 @@ from ...core import (
     drawn_inside,
 )
 from ...lab import (
-    EXACT_SENSORS,
     ArmPlant,
     Contacts,
     DriverConfig,
@@ -38,10 +37,7 @@ from ...lab import (
     Plant,
     Scenario,
     Sensors,
-    is_sound,
     load,
-    published,
-    trajectory,
 )
 from ...robots import load_robot, scenarios, vehicle_files
 from .limits import Limit, Limits, source_of
@@ -75,7 +71,7 @@ class Experiment:
         """
         healthy = replace(scenario.plant, faults=())
         scenario = replace(scenario, plant=healthy, prior="nominal")
-        plant, known = published(scenario.plant, scenario.dt)
+        plant, known = scenario.plant.published(scenario.dt)
         system = plant.system
         if system.forward is None:
             expected = "a structure with compiled forward dynamics"
@@ -102,18 +98,19 @@ class Experiment:
         draw: int,
         duration: float,
         seed: int = 0,
-        sensors: Sensors = EXACT_SENSORS,
+        sensors: Sensors | None = None,
     ) -> Log | None:
         """The motion of a plant with a draw of the prior, under a driver based on the prior.
 
-        `duration` is in seconds, `seed` that of the driver. None if the plant diverges.
+        `duration` is in seconds, `seed` that of the driver; sensors are exact if none are given.
+        None if the plant diverges.
         """
         plant = self.plant(draw)
         dt = self.scenario.dt
         made = driver.build(self.system, self.prior, np.random.default_rng(seed))
         with plant.running():
-            log = trajectory(plant, made, max(2, round(duration / dt)), sensors)
-        return log if is_sound(plant, log) else None
+            log = plant.trajectory(made, max(2, round(duration / dt)), sensors)
+        return log if plant.is_sound(log) else None
 
     def plant(self, draw: int) -> Plant:
         """The plant with a draw of the prior as its θ, made on first use."""

@@ -125,7 +125,7 @@ def design_page(
     robot: str, document: dict[str, Any], trial: Trial | None, found: Design, folder: Path
 ) -> Page:
     """The page of a design in a folder; the arguments are those of `result_of`."""
-    from ...report import figures_of  # imported late: matplotlib takes half a second
+    from ...report import figures_of
 
     result = result_of(document, trial, found)
     weak = _weak_rows(document)

@@ -24,22 +24,17 @@ from ...base import (
 )
 from ...core import ConventionalAID, IdentifierConfig, Log, NullspaceAID, SensorLevels
 from ...lab import (
-    BATCH,
     BUDGET,
     Judge,
-    Method,
-    MethodEstimate,
-    Problem,
     Scenario,
     Setup,
     Truth,
     bound_figures,
     cramer_rao,
-    follow,
-    is_sound,
     sysid,
 )
 from ...report import Page, Result
+from ..baselines import BATCH, Method, MethodEstimate, Problem, follow
 from . import compare_report
 from .compare_report import BOUND, DEFAULT, PRIOR, row_of, runs_of, sensors
 from .study import Row, Study, carried_out, write_csv
@@ -168,7 +163,7 @@ class ComparedPlant:
         identifiers = setup.identifiers()
         with plant.running():
             log = setup.simulate()
-        if not is_sound(plant, log):
+        if not plant.is_sound(log):
             raise NoEstimate(f"the plant diverged ({plant.diverged})", "Use a smaller dt.")
         levels = scenario.noise.levels if noise else SensorLevels()
         self._problem = Problem(setup.system, log, setup.prior, levels)
@@ -177,7 +172,7 @@ class ComparedPlant:
             **{name: partial(follow, i) for name, i in identifiers.items() if name},
             **{name: method for name, method in BATCH.items() if name in study.vary["method"]},
             PRIOR: lambda problem: MethodEstimate(problem.prior),
-            "sysid": lambda problem: MethodEstimate(*sysid(problem, study.settings["budget"])),
+            "sysid": partial(_by_toolbox, budget=study.settings["budget"]),
         }
 
     def warm_up(self) -> None:
@@ -250,6 +245,12 @@ def _scenario(study: Study, seed: int, noise: float) -> Scenario:
         duration=max(study.vary["duration"]),
         seed=seed,
     )
+
+
+def _by_toolbox(problem: Problem, budget: float) -> MethodEstimate:
+    """The estimate of `mujoco.sysid` within a budget of CPU time [s]."""
+    system, log, prior, noise = problem
+    return MethodEstimate(*sysid(system, [log], prior, noise, budget))
 
 
 def _attempt(method: Method, problem: Problem) -> tuple[MethodEstimate | None, str]:

@@ -8,6 +8,7 @@ import math
 import multiprocessing
 import os
 import signal
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
@@ -125,6 +126,18 @@ class Engine:
             raise InvalidInput("address", expected, self.address, str(error)) from error
 
 
+def _context() -> Any:
+    """How processes are started: on Linux as forks of one that has imported what runs need.
+
+    That one has a single thread, so that a fork of it is safe; elsewhere each process imports all.
+    """
+    if not sys.platform.startswith("linux"):
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([attempt.__module__])
+    return context
+
+
 class _Processes:
     """A pool of processes on this machine."""
 
@@ -132,8 +145,7 @@ class _Processes:
         self.places = jobs or processors()
         self._before = {name: os.environ.get(name) for name in _ENVIRONMENT}
         os.environ.update(_ENVIRONMENT)  # inherited by the processes
-        spawn = multiprocessing.get_context("spawn")
-        self._pool = ProcessPool(self.places, initializer=prepare_process, context=spawn)
+        self._pool = ProcessPool(self.places, initializer=prepare_process, context=_context())
 
     def submit(self, job: Job) -> Future[Any]:
         try:

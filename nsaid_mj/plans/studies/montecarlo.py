@@ -30,15 +30,12 @@ from ...core import (
     Status,
 )
 from ...lab import (
-    CHECK,
     Following,
     Scenario,
     Setup,
     Truth,
     actuator_ratio_error,
     converged_at,
-    due_rows,
-    ended,
 )
 from .study import MOST_JOBS, DrawnSeeds, Row, Study, check_count, processors, seed_of
 
@@ -147,7 +144,7 @@ def _driven(setups: Sequence[Setup], pool: Executor, stopped: threading.Event) -
 def _drive(setup: Setup, stopped: threading.Event) -> DrawnMotion:
     """Drives a running plant for the scenario's duration, or until `stopped`."""
     log = setup.simulate(partial(_check, stopped))
-    end = ended(setup.plant, log.at(-1))
+    end = setup.plant.ended(log.at(-1))
     status = end[0] if end else Status.completed
     time = float(log.t[-1])
     return DrawnMotion(setup, log.first(len(log.t) - bool(end)), status, time)
@@ -197,12 +194,12 @@ def follow(course: DrawnMotion, scenarios: Sequence[Scenario], seen: Seen = floa
             for own in scenarios
         ]
         runs = [Draw(setup.identifiers()[""], log) for setup in setups]
-    every = max(1, round(CHECK / dt))
+    every = Following.every(dt)
     piece = every * max(1, round(_PIECE / every))
     last = len(log.t) - 1
     for at in range(0, last, piece):
         part = log.part(at, at + piece + 1)
-        due = due_rows(at, len(part.t), dt, last)
+        due = Following.due(at, len(part.t), dt, last)
         going = [run for run in runs if run.following.ended is None]
         if not going:
             break

@@ -130,5 +130,5 @@ def montecarlo_page(runs: Runs) -> Page:
     kind = "on one motion" if shared else "with its own motion each"
     spent = f"identifier {rounded(cost(runs), 2)} µs of thread time per run and time step"
     lead = f"{many} {kind}, {len(lost(runs))} lost; {spent}"
-    table = Section("Figures", [Table(["", *QUANTILES], lines)], brief=True)
+    table = Section("Statistics", [Table(["", *QUANTILES], lines)], brief=True)
     return study_page(runs, result, table, lead)

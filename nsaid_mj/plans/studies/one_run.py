@@ -1,5 +1,6 @@
 """One run of a sweep, as a process of the engine executes it."""
 
+import hashlib
 import multiprocessing
 import os
 import threading
@@ -15,15 +16,19 @@ from ...lab import (
     SimulatedRun,
     Truth,
     converged_at,
-    digest_of,
     evaluate,
     load,
-    summary_of,
-    truth_of,
 )
 from ...lab import run as run_scenario
+from ...robots import scenarios
 
 _LEFT_OUT = {"versions", "status_remedy"}  # keys of a summary with equal values in many runs
+
+
+def digest_of(script: str) -> str:
+    """SHA-256 of a scenario's script, given by packaged name or path."""
+    path = scenarios().get(script, Path(script))
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 class Job(NamedTuple):
@@ -73,9 +78,9 @@ def _loaded(script: str) -> str:
 
 def figures(run: SimulatedRun) -> dict[str, Any]:
     """Scalar entries of a run's summary by key, dotted if nested, and `time_to_converge`."""
-    truth = truth_of(run)
+    truth = Truth.of(run)
     converged = {"time_to_converge": time_to_converge(run, truth)}
-    return converged | _scalars(summary_of(evaluate(run, truth)))
+    return converged | _scalars(evaluate(run, truth).summary())
 
 
 def _scalars(summary: dict[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -18,8 +18,9 @@ from rich.console import Console
 from rich.progress import Progress as Bar
 
 from ...base import InvalidInput, check_own, locked, shown, write_text
-from ...lab import Scenario, counted, digest_of, versions
+from ...lab import Scenario, counted, versions
 from ...report import Page, Result, print_page
+from .one_run import digest_of
 
 MOST_RUNS = 1_000_000
 """Largest number of runs of a study; a day has as many tenths of a second."""

@@ -1,6 +1,7 @@
 """The page of a study: its verdict with the plots that carry it, its table, and more plots."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from ...report import Figure, Figures, Page, Result, Section, Text
@@ -39,7 +40,7 @@ def study_page(
     if more:
         sections.append(Section("More plots", [Figures(more), Text(legend, note=True)]))
     elif drawn:
-        sections.append(Section("About the plots", [Text(legend, note=True)]))
+        sections = [replace(table, panels=[*table.panels, Text(legend, note=True)])]
     name = Path(runs.manifest["script"]).stem
     return Page(
         heading=name,

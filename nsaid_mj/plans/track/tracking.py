@@ -21,7 +21,6 @@ from ...lab import (
     Setup,
     Tracker,
     Truth,
-    informing_steps,
 )
 from ...report import LAWS as COLOUR_OF
 from ...report import (
@@ -134,7 +133,7 @@ def drive(setup: Setup, tracker: Tracker) -> ControlledMotion:
     plant = setup.plant
     sensors = setup.sensors()
     recorder = _StateRecorder(tracker, plant)
-    every = int(min(informing_steps(tracker, scenario.dt), scenario.steps))
+    every = int(min(tracker.steps(scenario.dt), scenario.steps))
     informed = np.isfinite(tracker.period)
     k = 0
     with plant.running():

@@ -48,7 +48,10 @@ def test_a_spring_beside_weight_in_gentle_motion_ends_in_no_power_of_ten(tmp_pat
     assert "Give one motor's gain" not in said
 
 
-@pytest.mark.parametrize(("seed", "coloured"), [(1, 0.02), (2, 0.1)])
+@pytest.mark.parametrize(
+    ("seed", "coloured"),
+    [(1, 0.02), pytest.param(2, 0.1, marks=pytest.mark.slow)],  # the same with more noise
+)
 def test_a_suggestion_that_is_followed_comes_true(tmp_path, seed, coloured):
     twin = Twin(two_joints(("a", "b", "c")), seed, speed=0.3, coloured=coloured)
     log = twin.write(tmp_path / "log.csv")

@@ -61,7 +61,7 @@ def identified(
 
 SLOW = pytest.mark.slow
 FAMILIES = [
-    ("bluerov2", 60.0, 0.005, 20),
+    ("bluerov2", 40.0, 0.005, 20),
     ("f1tenth", 60.0, 0.005, 6),
     ("catamaran", 120.0, 0.01, 9),
     pytest.param("hummingbird", 20.0, 0.01, 18, marks=SLOW),
@@ -89,7 +89,7 @@ def currents(found: Found) -> list[dict[str, Any]]:
 
 def test_thrusters_may_lag(tmp_path):
     """The lag passed for a delay, and thrusts were 8 % off in intervals of ± 4 %."""
-    found = identified(tmp_path, "bluerov2", 60.0, lag=0.1, delay=0.05)
+    found = identified(tmp_path, "bluerov2", 40.0, lag=0.1, delay=0.05)
     data = {f["code"]: f["data"] for f in found.said["findings"]}
     assert data["lag"]["seconds"] == pytest.approx(0.1, abs=0.01)
     assert found.said["joints"][0]["delay"] == pytest.approx(0.055, abs=0.005)  # held for 10 ms
@@ -98,7 +98,7 @@ def test_thrusters_may_lag(tmp_path):
 
 
 def test_a_current_is_told_and_widens_the_intervals_of_drag(tmp_path):
-    found = identified(tmp_path, "bluerov2", 60.0, flow=(0.05, 0.0, 0.0))
+    found = identified(tmp_path, "bluerov2", 40.0, flow=(0.05, 0.0, 0.0))
     (finding,) = currents(found)
     assert finding["level"] == "warning" and found.said["explains"] == "partly"
     assert np.mean(found.off <= 1) >= 0.9

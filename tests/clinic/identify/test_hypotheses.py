@@ -34,8 +34,15 @@ def logs(twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return [free, twin.write(folder / "loaded.csv", number=1, weight=weight)]
 
 
+DONE: dict[str, Identification] = {}
+
+
 def fitted(twin: Twin, logs: list[Path], **told: object) -> Identification:
-    return identify_forces(twin.robot, logs, columns=["viscous"], delay=0.01, **told)  # type: ignore[arg-type]
+    """What is identified with what is told; the same once for all tests."""
+    key = f"{len(logs)} {told}"
+    if key not in DONE:
+        DONE[key] = identify_forces(twin.robot, logs, columns=["viscous"], delay=0.01, **told)  # type: ignore[arg-type]
+    return DONE[key]
 
 
 def assert_said_first(found: Identification, twin: Twin) -> None:

@@ -280,15 +280,17 @@ def test_friction_of_a_coupled_motor_is_found(simulated, tmp_path, i, j, sign):
     assert value == pytest.approx(5.0, rel=0.15)
 
 
-def test_an_unknown_column_is_refused_with_the_known_ones():
+def test_an_unknown_column_is_refused_with_the_known_ones(tmp_path):
+    log = write_csv(tmp_path / "log.csv", columns())
     with pytest.raises(UnknownName, match="viscous"):
-        identify_forces("tx40", columns=["viscose"])
+        identify_forces(two_joints(), log, columns=["viscose"])
 
 
-@pytest.mark.parametrize("delay", [[0.1, 0.2], float("nan"), 3.0])
-def test_delays_that_cannot_be_are_refused(delay):
+@pytest.mark.parametrize("delay", [[0.1, 0.2, 0.3], float("nan"), 3.0])
+def test_delays_that_cannot_be_are_refused(delay, tmp_path):
+    log = write_csv(tmp_path / "log.csv", columns())
     with pytest.raises(InvalidInput, match="delay"):
-        identify_forces("tx40", delay=delay)
+        identify_forces(two_joints(), log, delay=delay)
 
 
 def test_parameters_of_a_joint_that_is_not_explained_have_wide_intervals(simulated, tmp_path):

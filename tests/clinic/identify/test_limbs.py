@@ -28,7 +28,7 @@ def logged(folder: Path, seed: int) -> tuple[Path, Path, np.ndarray]:
     d, rows, n = mujoco.MjData(m), [], m.nv
     w, size = 2 * np.pi * 0.45 * np.arange(1, 5), rng.normal(size=(n, 4)) / np.arange(1, 5)
     phase = rng.uniform(0, 2 * np.pi, (n, 4))
-    for k in range(15_000):
+    for k in range(9_000):
         if k % 5 == 0:
             desired = 0.6 * (size * np.sin(w * 1e-3 * k + phase)).sum(axis=1)
             d.ctrl[:] = d.qfrc_bias + 60 * (desired - d.qpos) - 3 * d.qvel
@@ -99,4 +99,5 @@ def test_a_known_gain_says_nothing_of_the_other_leg(biped):
     model, log, gain = biped
     result = identify_forces(str(model), [log], known={"gain_1": float(gain[0])})
     (told,) = (f for f in result.findings if f.code == "known_in_combination")
-    assert "not at all to those of other limbs" in told.text and "of each limb" in told.remedy
+    assert "not at all to those of other limbs" in told.text
+    assert "give the gain of right_" in told.remedy  # a motor of the other leg

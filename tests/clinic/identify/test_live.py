@@ -21,7 +21,6 @@ from nsaid_mj.core.laws.base import Confidence
 from nsaid_mj.core.log import Log
 from nsaid_mj.lab.evaluation.run_misfit import filter_of
 from nsaid_mj.lab.evaluation.running import RunningMisfit
-from nsaid_mj.lab.evaluation.summary import summary_of
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import Run
 from nsaid_mj.lab.postprocessing import finish, rebuild
@@ -122,7 +121,7 @@ def test_a_law_goes_on_after_a_gap_as_it_was(law: str, log: Log, tmp_path: Path)
 def test_result_and_page_tell_the_gap_and_judge_around_it(log: Log, tmp_path: Path):
     kept = lines(log)[:300] + lines(log)[370:]
     run = session().run(io.BytesIO(b"".join(kept)), tmp_path, lambda _: None)
-    summary = summary_of(finish(run))
+    summary = finish(run).summary()
     assert summary["stream"]["missing"] == 70
     assert summary["misfit"] != "contradicts" and summary["misfit_contradictions"] == []
     assert "1 gap, 70 samples missing in it" in (tmp_path / "report.html").read_text("utf-8")
@@ -211,6 +210,7 @@ def test_a_frame_must_be_known_and_make_sense():
 
 
 def test_the_python_interface_records_the_same_bits(log: Log, tmp_path: Path):
+    log = log.first(250)
     with nsaid_mj.live("bluerov2", rate=RATE, prior_error=0.3, out=tmp_path / "live") as identifier:
         for k in range(len(log.t)):
             identifier.update(*log.at(k))

@@ -19,8 +19,11 @@ from tests.robots.urdfs import chain
 from tests.robots.values import identified
 
 
-def recorded(robot, values, path, rate=100, seconds=2.0):
-    """A log of the calibrated model itself, driven by sines."""
+def recorded(robot, values, path, rate=100, seconds=2.0, law=(0.0, 0.0)):
+    """A log of the calibrated model itself, driven by sines.
+
+    `law` is kp and kd of motors that follow the sines as targets, if not 0.
+    """
     write_mjcf(robot, values, path)
     mj = mujoco.MjModel.from_xml_path(str(path))
     substeps = 5
@@ -29,14 +32,20 @@ def recorded(robot, values, path, rate=100, seconds=2.0):
     data, n = mujoco.MjData(mj), len(robot.joints)
     order = [list(mj.actuator_trnid[:, 0]).index(mj.joint(j).id) for j in robot.joints]
     t = np.arange(round(rate * seconds)) / rate
-    u = 0.3 * np.sin(2 * np.pi * t[:, None] * (0.5 + np.arange(n)))
-    q, v = np.zeros((len(t), n)), np.zeros((len(t), n))
+    targets = 0.3 * np.sin(2 * np.pi * t[:, None] * (0.5 + np.arange(n)))
+    q, v, u = np.zeros((3, len(t), n))
+
+    def commands(target):
+        return law[0] * (target - data.qpos) - law[1] * data.qvel if any(law) else target
+
     for k in range(len(t)):
-        q[k], v[k] = data.qpos, data.qvel
-        data.ctrl[order] = u[k]
-        mujoco.mj_step(mj, data, substeps)
+        q[k], v[k], u[k] = data.qpos, data.qvel, commands(targets[k])
+        for _ in range(substeps):
+            data.ctrl[order] = commands(targets[k])
+            mujoco.mj_step(mj, data)
     segment = LogSegment(Log(t, q, v, u), np.ones((len(t), n), dtype=bool), "log", (1, len(t)))
-    return Recordings((segment,), rate, ("",) * n)
+    feedback = np.multiply.outer(law, np.ones(n)) if any(law) else None
+    return Recordings((segment,), rate, ("",) * n, feedback=feedback)
 
 
 @pytest.mark.parametrize("name", ["arm.urdf", "arm.xml"])
@@ -50,6 +59,18 @@ def test_the_model_that_made_a_log_follows_it(tmp_path, name):
     assert exported.shape == (3,)
     assert (exported < 1e-3).all()  # MuJoCo keeps the solver's last state, a log does not
     assert (nominal > 5 * exported).all()
+
+
+def test_motors_under_a_pd_law_follow_their_targets_in_the_replay(tmp_path):
+    """Their torques at the measured motion would let every error of the model grow unchecked."""
+    path = tmp_path / "arm.xml"
+    path.write_text(arm())
+    robot = load_robot_model(str(path))
+    values = identified(robot)
+    log = recorded(robot, values, tmp_path / "calibrated.xml", law=(4.0, 0.2))
+    open_loop = replace(log, feedback=None)
+    assert (replay(robot, values, log) < 2e-3).all()
+    assert (replay(robot, values, open_loop) > 5 * replay(robot, values, log)).all()
 
 
 def test_a_part_of_a_long_logs_windows_has_the_error_of_all(tmp_path, monkeypatch):

@@ -238,7 +238,10 @@ def test_a_suspect_is_not_convicted_by_the_residual_in_its_columns():
     assert blamed[0].share[0] > 0.9
 
 
-@pytest.mark.parametrize(("seed", "joints"), [(21, 1), (71, 1), (72, 1), (63, 3)])
+@pytest.mark.parametrize(
+    ("seed", "joints"),
+    [(21, 1), *(pytest.param(k, 1, marks=pytest.mark.slow) for k in (71, 72)), (63, 3)],
+)
 def test_gentle_motion_with_slow_noise_is_no_scale_error(tmp_path, seed, joints):
     twin = healthy(two_joints([f"joint_{k}" for k in range(joints)]), seed)
     log = twin.write(tmp_path / "log.csv")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import pyarrow as pa
@@ -109,3 +110,13 @@ def test_the_limit_is_of_what_a_file_becomes_and_ends_with_its_context(tmp_path)
 def test_a_limit_is_positive(size):
     with pytest.raises(InvalidInput, match="limit"), limited_to(size):
         pass
+
+
+def test_a_table_of_thousands_of_columns_is_read_in_time_that_grows_with_their_number(tmp_path):
+    path = tmp_path / "log.parquet"
+    pa.parquet.write_table(pa.table({f"c{k}": [0.0, 1.0] for k in range(6000)}), path)
+    begin = time.process_time()
+    with pytest.raises(UnusableLog, match="no column looks like the time") as refused:
+        read(path)
+    assert time.process_time() - begin < 3  # 8 where each column made a new table
+    assert len(str(refused.value)) < 1000

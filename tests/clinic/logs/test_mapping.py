@@ -75,6 +75,12 @@ def test_measurements_take_precedence_over_setpoints():
     assert chosen(names)[1] == ["actual_q_1", None, "actual_current_1"]
 
 
+def test_switches_and_limits_of_torques_are_no_commands():
+    names = [f"{what}_{k}" for what in ("q", "torque_enable", "max_torque") for k in range(3)]
+    with pytest.raises(UnmatchedChannels, match="torque or current"):
+        matching.match(names, JOINTS)
+
+
 def test_an_ambiguous_command_is_refused_with_all_channels():
     channels = [f"{what}{k}" for what in ("q", "tau", "current") for k in range(3)]
     with pytest.raises(UnmatchedChannels, match="nsaid inspect LOG --model M") as caught:

@@ -106,7 +106,7 @@ def test_a_motor_with_targets_is_told_what_to_add():
     table = _log(q=q, dq=v, q_des=target)
     found = inspect([table], None, two_joints())
     said = " ".join(str(finding) for finding in found.findings)
-    assert "`[pd]`, `kp = 20`, `kd = 1.5`" in said
+    assert "`[pd]`: `kp = 20`, `kd = 1.5`" in said
     with pytest.raises(UnmatchedChannels, match="position targets"):
         match(list(table.channels), ("shoulder", "elbow"))
     joint = Joint(ColumnMap(column="q_1"), ColumnMap(column="q_des_1", unit="rad"))

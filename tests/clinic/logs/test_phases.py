@@ -89,6 +89,7 @@ def spans(channels: dict[str, Channel], stated: Phases | None = None) -> list[tu
         ("vehicle_land_detected/landed", [1, 0, 1], "landed"),
         ("ARM/ArmState", [0, 1, 0], "disarmed"),
         ("robot/is_armed", [0, 1, 0], "disarmed"),
+        ("torque_enable", [0, 1, 0], "disarmed"),
         ("EV/Id", [15, 10, 11], "disarmed"),
         ("EV/Id", [57, 28, 18], "landed"),
     ],

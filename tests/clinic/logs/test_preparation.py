@@ -100,6 +100,15 @@ def test_duplicates_and_backward_times_are_dropped_and_told():
     np.testing.assert_allclose(recordings.segments[0].log.q, motion(values["t"])[0], atol=1e-9)
 
 
+def test_whole_seconds_are_refused_as_a_coarse_clock():
+    values = columns()
+    recordings = prepared(values | {"t": np.floor(values["t"])}, without_rest_dropped())
+    (coarse,) = findings(recordings, "coarse_clock")
+    assert coarse.level == "refusal" and "steps of 1 s" in coarse.text
+    thrice = {name: np.repeat(x, 3) for name, x in values.items()}  # a logger that repeats rows
+    assert not findings(prepared(thrice, without_rest_dropped()), "coarse_clock")
+
+
 def test_a_clock_that_restarts_begins_a_new_segment():
     values = columns()
     values["t"] = np.where(np.arange(2000) < 1200, values["t"], values["t"] - 6.0)

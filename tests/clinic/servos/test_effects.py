@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.clinic.servos.estimate import _reveals
-from nsaid_mj.clinic.servos.fit import GRAVITY, JointFit, ServoPrior, covariance_of, minimise
+from nsaid_mj.clinic.servos.fit import GRAVITY, JointFit, ServoPrior, minimise, spreads
 from nsaid_mj.clinic.servos.identify import identify_servos, servo_logs
 from nsaid_mj.clinic.servos.simulation import JointLog, simulate
 
@@ -64,7 +64,7 @@ def test_play_does_not_make_a_light_joint_s_kp_sure_and_wrong(weight, play):
     own = JointFit([log._replace(position=position)], np.ones(len(t)))
     prior = ServoPrior(np.log(theta), np.array([3.0, 3.0, 3.0, 1.0, 1.5]))
     fit, cluster = minimise(own, np.log(theta), prior), (t // 10).astype(int)
-    found = covariance_of(fit, cluster, np.array([2e-3]))
+    (found,) = spreads([fit], cluster, [np.array([2e-3])])
     off = abs(fit.x[GRAVITY] - np.log(theta[GRAVITY]))
     sure = _reveals(found.covariance[GRAVITY, GRAVITY], found.moved[GRAVITY, 1])
     assert sure == (weight == 1.0)

@@ -142,6 +142,8 @@ def test_a_servo_arm_s_map_may_leave_parts_out(motion, tmp_path):
     assert given is not None
     first, second = given.logs
     assert first.t[-1] < 4.0 and second.t[0] > 5.0
+    (finding,) = [f for f in given.findings if f.code == "phases"]
+    assert "4.0 to 5.0 s left out (map.toml says so)" in finding.text
 
 
 def test_inspecting_says_that_commands_are_targets(motion, tmp_path):

@@ -35,7 +35,7 @@ def test_a_profile_is_the_fastest_motion_within_its_limits():
 def case(request, tmp_path_factory):
     follow, told = PROFILES[request.param]
     folder = tmp_path_factory.mktemp(request.param)
-    files = [write(folder / f"motion_{k}.csv", *log(60 + k, 30.0, follow=follow)) for k in range(2)]
+    files = [write(folder / f"motion_{k}.csv", *log(60 + k, 20.0, follow=follow)) for k in range(2)]
     return folder, files, told
 
 

@@ -32,7 +32,7 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("load")
     loads = {"free_0.csv": 0.0, "free_1.csv": 0.0, "loaded_0.csv": MASS, "loaded_1.csv": MASS}
     return [
-        write(folder / name, *log(20 + k, heavier=HEAVIER, load=load))
+        write(folder / name, *log(20 + k, 25.0, heavier=HEAVIER, load=load))
         for k, (name, load) in enumerate(loads.items())
     ]
 

@@ -28,8 +28,7 @@ from nsaid_mj.lab.control.driver import Driver
 from nsaid_mj.lab.evaluation.confidence import KnownDirections, known
 from nsaid_mj.lab.evaluation.figures import actuator_ratio_error
 from nsaid_mj.lab.evaluation.lyapunov import energy, rises_of
-from nsaid_mj.lab.evaluation.summary import summary_of
-from nsaid_mj.lab.evaluation.truth import truth_of
+from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.options import parse_flags
@@ -37,7 +36,6 @@ from nsaid_mj.lab.plants.world.noise import SensorNoise
 from nsaid_mj.lab.postprocessing import rebuild
 from nsaid_mj.lab.record import RECORD_FILE
 from nsaid_mj.lab.scenario import Scenario
-from nsaid_mj.lab.setup import trajectory
 from tests.support.bench import followed, identify
 from tests.support.remembered import Log, driven, noisy, scenario_plant
 from tests.support.summaries import summarize
@@ -190,7 +188,7 @@ def test_v_falls_in_every_step_of_a_run(name):
 def test_a_rise_of_v_beyond_its_bound_is_counted(implicit, tmp_path):
     """Thrice the bound in one step is a violation; a bound 100 times wider would hide it."""
     done = run(scenario("bluerov2", duration=6.0), tmp_path)
-    truth, record = truth_of(done), done.record
+    truth, record = Truth.of(done), done.record
     rises = rises_of(done, truth)
     assert rises is not None and rises.violations == 0
     own = done.identifiers[""]
@@ -298,7 +296,7 @@ class Surge(Heave):
 def one_axis(kind: type[Heave], seconds: float) -> Log:
     dt, plant = 0.01, load("bluerov2").plant.build(0.01, 3)
     with plant.running():
-        rows = trajectory(plant, kind(plant, 0), round(seconds / dt)).rows  # pyright: ignore
+        rows = plant.trajectory(kind(plant, 0), round(seconds / dt)).rows  # pyright: ignore
     return Log(plant, dt, rows)
 
 
@@ -490,7 +488,7 @@ def finished(request, tmp_path_factory):
 
 
 def test_the_record_has_what_was_spent_and_the_summary_the_confidence(finished):
-    record, summary = finished.record, summarize(finished, truth_of(finished))
+    record, summary = finished.record, summarize(finished, Truth.of(finished))
     steps = np.flatnonzero(np.diff(record["spent"])) + 1
     number = record["t"][steps] / 0.5
     np.testing.assert_allclose(number, np.round(number), atol=1e-9)
@@ -518,7 +516,7 @@ def test_a_log_is_replayed_to_the_bit(finished):
 def test_a_killed_run_is_rebuilt_from_its_record(finished, tmp_path):
     whole = (finished.folder / RECORD_FILE).read_bytes()
     (tmp_path / RECORD_FILE).write_bytes(whole[: round(0.8 * len(whole))])
-    summary = summary_of(rebuild(tmp_path))
+    summary = rebuild(tmp_path).summary()
     assert summary["status"] == "interrupted" and summary["sim_s"] > 1
     assert summary["confidence"] is None  # a record has no memory
     assert summary["conserved_drift"] < 1e-4  # what was spent is in the record

@@ -68,7 +68,11 @@ SMOOTH = ["double_pendulum", "ur5", "crazyflie", "f1tenth", "astrobee", "borinot
 KINKED = ["scalar_rov", "bluerov2", "remus100", "uvms"]
 
 
-@pytest.mark.parametrize("name", [*SMOOTH, *KINKED])
+@pytest.mark.parametrize(
+    "name",
+    # links that fly are smooth as an arm and as a flying body are
+    [pytest.param(x, marks=pytest.mark.slow) if x == "borinot" else x for x in (*SMOOTH, *KINKED)],
+)
 def test_the_truth_is_in_the_nullspace_to_the_order_of_simpsons_rule(name):
     log = driven(name, 0.5 if name in ("uvms", "borinot") else 1.0, hold=8)
     coarse, middle, fine = (

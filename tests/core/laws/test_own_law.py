@@ -17,9 +17,8 @@ from nsaid_mj.core.laws.efficient.state import EfficientState
 from nsaid_mj.core.laws.nullspace_aid import paper_identifier
 from nsaid_mj.core.log import Log
 from nsaid_mj.lab.evaluation.run_evaluation import evaluate
-from nsaid_mj.lab.evaluation.summary import summary_of
-from nsaid_mj.lab.evaluation.truth import truth_of
-from nsaid_mj.lab.evaluation.verify import verify
+from nsaid_mj.lab.evaluation.truth import Truth
+from nsaid_mj.lab.evaluation.verify import Verification
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.plants.world.faults.text import parse_faults
@@ -75,15 +74,16 @@ def test_a_run_of_an_own_law_is_summarised_verified_and_shown_by_its_name(tmp_pa
         scenario, identifier=OwnConfig(10.0, 2.0), rivals=rivals, duration=3.0, held_out=1.0
     )
     done = run(scenario, tmp_path)
-    truth = truth_of(done)
+    truth = Truth.of(done)
     result = evaluate(done, truth)
-    summary = summary_of(result)
+    summary = result.summary()
     assert summary["law"] == "own words" and summary["gamma"] == "own"
     assert summary["status"] == "completed" and "misfit" not in summary
     own, rival = summary["theta_perp_ratio"], summary["rivals"]["compiled"]["theta_perp_ratio"]
     assert own == pytest.approx(rival, rel=1e-6)
     words = {
-        verdict.statement: verdict.verdict for verdict in verify(done, truth, result).statements
+        verdict.statement: verdict.verdict
+        for verdict in Verification.of(done, truth, result).statements
     }
     assert words["Theorem 1 (69)"] == words["(30) in (45)"] == "not applicable"
     assert words["Theorem 1 (70)"] != "not applicable"

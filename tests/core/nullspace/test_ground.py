@@ -6,10 +6,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+import scipy
 
+from nsaid_mj.core import ContactPoint
 from nsaid_mj.core.nullspace.ground import ground_stack, random_states
 from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.core.structure.contacts import contact_accelerations, contact_jacobians
+from nsaid_mj.robots import load_robot
 from tests.support.walkers import SOLE, biped, pushing_arm, quadruped
 
 COUNT = 60  # states
@@ -182,3 +185,29 @@ def test_theorem_1_holds_if_the_contacts_move_as_measured():
     rate = dv @ (forces + W @ (estimate - theta))  # Ṁ − 2C is skew
     assert rate == pytest.approx(-K * dv @ M @ dv, rel=1e-9)
     assert abs(estimate @ W.T @ dv) < 1e-9 * np.abs(W * estimate).max()
+
+
+def test_wheels_leave_the_balances_of_the_steering_axes_alone(tmp_path):
+    inertial = '<inertial><mass value="1"/><inertia ixx="1e-3" iyy="2e-3" izz="1e-3" ixy="0" '
+    inertial += 'ixz="0" iyz="0"/></inertial>'
+    joint = '<joint name="{0}" type="continuous"><parent link="{1}"/><child link="{0}_link"/>'
+    joint += '<origin xyz="{2} {3} 0"/><axis xyz="{4}"/></joint><link name="{0}_link">{5}</link>'
+    parts = f'<link name="car">{inertial}</link>'
+    for k, (x, y) in enumerate([(0.15, 0.12), (0.15, -0.12), (-0.15, 0.12), (-0.15, -0.12)]):
+        parent, at = "car", (x, y)
+        if x > 0:
+            parts += joint.format(f"steer{k}", "car", x, y, "0 0 1", inertial)
+            parent, at = f"steer{k}_link", (0, 0)
+        parts += joint.format(f"wheel{k}", parent, *at, "0 1 0", inertial)
+    file = tmp_path / "car.urdf"
+    file.write_text(f'<robot name="car">{parts}</robot>')
+    robot = load_robot(str(file), "free")
+    names = list(robot.model.names)[1:]
+    wheels = [ContactPoint(names.index(f"wheel{k}"), np.zeros(3), 0.05) for k in range(4)]
+    q = np.random.default_rng(0).uniform(-0.4, 0.4, (20, 6 + len(robot.joints)))
+    q[:, 3:5] = 0.0  # on level ground
+    J = robot.system.contact_jacobians(wheels, robot.system.position(q))[0]
+    left = scipy.linalg.null_space(J[0])
+    assert np.linalg.matrix_rank(J).tolist() == 20 * [10]
+    steering = [6 + k for k, name in enumerate(robot.joints) if name.startswith("steer")]
+    assert np.abs(np.delete(left, steering, axis=0)).max() < 1e-9

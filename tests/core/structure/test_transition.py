@@ -8,7 +8,7 @@ import pytest
 from nsaid_mj.core.structure.touching import Touch
 from nsaid_mj.core.structure.transition import step
 from nsaid_mj.lab.library import load
-from nsaid_mj.lab.setup import Setup, trajectory
+from nsaid_mj.lab.setup import Setup
 
 FAMILIES = ("ur5", "bluerov2", "crazyflie", "f1tenth", "remus100", "astrobee", "scalar_rov")
 CARRIERS = ("borinot", "uvms")
@@ -48,7 +48,7 @@ class Stepper:
 def test_a_step_under_the_true_parameters_follows_the_plant(name: str) -> None:
     made, step = setup(name), Stepper(name)
     with made.plant.running():
-        log = trajectory(made.plant, made.driver(), 40)
+        log = made.plant.trajectory(made.driver(), 40)
     for k in (10, 25, 38):
         q, v, _ = step(log.q[k], log.v[k], log.u[k], log.t[k + 1] - log.t[k], made.plant.truth)
         size = np.abs(log.v).max()

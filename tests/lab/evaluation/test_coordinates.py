@@ -9,7 +9,7 @@ import pytest
 
 from nsaid_mj import theta_bar
 from nsaid_mj.lab import postprocessing
-from nsaid_mj.lab.evaluation.truth import truth_of
+from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.loop import run
 from tests.support.faulty import ROV
 
@@ -19,7 +19,7 @@ def test_both_parts_make_the_estimate_and_the_second_is_what_the_summary_judges(
     postprocessing.finish(done)
     bar = theta_bar(tmp_path)
     scaled = done.record["theta_hat"] / done.system.space.scale
-    Q = truth_of(done).nullspace.Q
+    Q = Truth.of(done).nullspace.Q
     assert bar.P.shape[1] == done.record.metadata["r"] == 1
     np.testing.assert_allclose(np.hstack([bar.P, bar.perp]) @ Q.T, scaled, atol=1e-12)
     summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))

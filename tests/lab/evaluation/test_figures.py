@@ -17,7 +17,7 @@ from nsaid_mj.lab.evaluation.statistics import (
     KnownParameter,
     StatedConfidence,
 )
-from nsaid_mj.lab.evaluation.truth import truth_of
+from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.loop import run
 from tests.support.faulty import ROV
 from tests.support.summaries import run_result
@@ -73,7 +73,7 @@ def test_the_last_tenth_has_a_tenth_of_the_rows_and_at_least_one(rows, expected)
 
 def test_the_velocity_error_is_that_of_the_last_tenth_of_the_time(tmp_path):
     done = run(replace(ROV, duration=4.0, sensors="noisy"), tmp_path)
-    accuracy, record = evaluate(done, truth_of(done)).accuracy, done.record
+    accuracy, record = evaluate(done, Truth.of(done)).accuracy, done.record
     late = record["t"] > 0.9 * done.ending.time + 1e-9
     assert late.sum() == len(record) // 10 > 10
     dv = record["v_hat"] - record["v"]

@@ -27,9 +27,8 @@ from nsaid_mj.core.log import Log
 from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.evaluation.figures import averaged_rows, converged_at, residual_ratio
-from nsaid_mj.lab.evaluation.summary import summary_of
-from nsaid_mj.lab.evaluation.truth import truth_of
-from nsaid_mj.lab.evaluation.verify import verify
+from nsaid_mj.lab.evaluation.truth import Truth
+from nsaid_mj.lab.evaluation.verify import Verification
 from nsaid_mj.lab.loop import Run, SimulatedRun, run
 from nsaid_mj.lab.record import RECORD_FILE as RECORD
 from nsaid_mj.lab.recording.run import write_run_recording
@@ -98,7 +97,7 @@ def leaves(value: Any, key: str = "") -> list[tuple[str, Any]]:
 
 
 def test_without_a_truth_only_the_comparisons_are_missing(done):
-    whole, bare = summarize(done, truth_of(done)), summarize(unknown(done), None)
+    whole, bare = summarize(done, Truth.of(done)), summarize(unknown(done), None)
     assert whole.keys() - bare.keys() == OF_THE_TRUTH
     assert bare.keys() - whole.keys() == {"force_residual_ratio_measured"}
     judged = {"rivals", "parameters", "confidence", "r", "rank_gap", "unobservable", "verdict"}
@@ -162,7 +161,7 @@ def test_a_run_without_rows_has_null_figures(tmp_path):
     done = run(ROV, tmp_path)
     none = {name: rows[:0] for name, rows in done.record.columns.items()}
     done.record = replace(done.record, columns=none)
-    whole, bare = summarize(done, truth_of(done)), summarize(unknown(done), None)
+    whole, bare = summarize(done, Truth.of(done)), summarize(unknown(done), None)
     assert bare["velocity_error_rms"] is None and bare["pe_level"] is None
     assert not bare.keys() & OF_THE_TRUTH
     assert whole["theta_perp_ratio"] is None and whole["pe_level_perp"] is None
@@ -171,7 +170,7 @@ def test_a_run_without_rows_has_null_figures(tmp_path):
 def test_a_run_without_a_truth_is_recorded_and_reported(done, tmp_path):
     shutil.copy(done.folder / RECORD, tmp_path)  # results are written beside their own record only
     bare = dataclasses.replace(unknown(done), folder=tmp_path)
-    summary = summary_of(postprocessing.finish(bare))
+    summary = postprocessing.finish(bare).summary()
     assert json.loads((tmp_path / postprocessing.SUMMARY).read_text(encoding="utf-8")) == summary
     page = (tmp_path / REPORT_FILE).read_text(encoding="utf-8")
     assert "nan" not in page and "distance to the true set" not in page
@@ -195,14 +194,14 @@ def test_a_recording_without_a_truth_shows_the_robot_move(tmp_path):
 
 
 def test_without_a_truth_only_the_conserved_quantity_is_verified(done):
-    said = {v.statement: v.verdict for v in verify(unknown(done), None).statements}
+    said = {v.statement: v.verdict for v in Verification.of(unknown(done), None).statements}
     own = said.pop("(30) in (45)")
     assert set(said.values()) == {"not applicable"} and own == "holds"
 
 
 def test_a_fault_changes_the_truth_at_its_time(tmp_path):
     done = run(BOAT, tmp_path)
-    truth = truth_of(done)
+    truth = Truth.of(done)
     assert truth is not None
     before, after = truth.theta_at(np.array([0.0, 4.0]))
     assert (before == truth.initial).all() and (after == truth.theta).all()

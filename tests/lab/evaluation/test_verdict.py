@@ -13,8 +13,7 @@ from nsaid_mj import Mismatch
 from nsaid_mj.lab.evaluation.figures import residual_floor
 from nsaid_mj.lab.evaluation.run_evaluation import evaluate
 from nsaid_mj.lab.evaluation.run_result import RunResult, verdict_of
-from nsaid_mj.lab.evaluation.summary import summary_of
-from nsaid_mj.lab.evaluation.truth import truth_of
+from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.setup import Setup
@@ -39,7 +38,7 @@ def result(name: str, law: str, duration: float, delay: float = 0.0, **more: flo
     )
     with tempfile.TemporaryDirectory() as folder:
         done = run(scenario, Path(folder))
-        return evaluate(done, truth_of(done))
+        return evaluate(done, Truth.of(done))
 
 
 def without_truth(found: RunResult, **accuracy: Any) -> RunResult:
@@ -55,7 +54,7 @@ def with_misfit(found: RunResult, **changes: Any) -> RunResult:
 def test_a_memory_converges_in_seconds():
     found = result("scalar_rov", "memory", 10.0)
     assert found.verdict.startswith("converged: ") and found.explains == "yes"
-    assert summary_of(found)["theta_perp_ratio"] < 0.01
+    assert found.summary()["theta_perp_ratio"] < 0.01
     assert "from the true set" in found.verdict
 
 
@@ -74,7 +73,7 @@ def test_an_unmodelled_delay_contradicts_the_structure():
     found = result("ur5", "memory", 6.0, delay=0.01)
     assert found.verdict.startswith("the motion contradicts this structure: ")
     assert found.explains == "no"
-    numbers = summary_of(found)
+    numbers = found.summary()
     assert 0.01 < numbers["force_residual_floor"] <= numbers["force_residual_ratio"]
     assert numbers["misfit"] == "contradicts"  # from the measurements alone
     assert numbers["misfit_widening"] > 3 and numbers["confidence"]["covered"] >= 0.8
@@ -86,7 +85,7 @@ def test_an_unmodelled_delay_contradicts_the_structure():
 
 def test_without_the_delay_the_same_run_converges():
     found = result("ur5", "memory", 6.0)
-    numbers = summary_of(found)
+    numbers = found.summary()
     assert found.verdict.startswith("converged: ") and numbers["misfit"] == "none"
     assert numbers["confidence"]["below_noise"] < numbers["confidence"]["directions"]
     assert numbers["confidence"]["forces_covered"] >= 0.9
@@ -106,7 +105,7 @@ def test_an_adaptation_that_is_too_fast_ends_early():
 
 def test_moving_away_from_the_true_set_is_not_converging():
     found = result("ur5", "paper", 10.0)
-    farther = 1.1 * summary_of(found)["theta_perp_ratio_initial"]
+    farther = 1.1 * found.summary()["theta_perp_ratio_initial"]
     away = replace(found, accuracy=replace(found.accuracy, theta_perp_ratio=farther))
     explains, said = verdict_of(away)
     assert said.startswith("not converging: ") and explains == "no"

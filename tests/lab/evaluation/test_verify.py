@@ -13,8 +13,8 @@ import pytest
 from nsaid_mj import ConventionalAID, Scenario
 from nsaid_mj.base.errors import BadRun
 from nsaid_mj.core.parameters import Array
-from nsaid_mj.lab.evaluation.truth import truth_of
-from nsaid_mj.lab.evaluation.verify import StatementVerdict, verify
+from nsaid_mj.lab.evaluation.truth import Truth
+from nsaid_mj.lab.evaluation.verify import StatementVerdict, Verification
 from nsaid_mj.lab.loop import SimulatedRun, columns, run
 from nsaid_mj.lab.record import RECORD_FILE, Record, RecordWriter
 from tests.support.faulty import FILES, ROV, flat, shell, strict
@@ -25,7 +25,7 @@ FLAGS = ("--duration", "60", "--held-out", "0.5", "--pe-window", "10")
 
 
 def judged(run: SimulatedRun) -> tuple[StatementVerdict, ...]:
-    return verify(run, truth_of(run)).statements
+    return Verification.of(run, Truth.of(run)).statements
 
 
 def words(verdicts: tuple[StatementVerdict, ...]) -> dict[str, str]:

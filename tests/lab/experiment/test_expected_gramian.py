@@ -22,7 +22,7 @@ from nsaid_mj.lab import loop as experiment
 from nsaid_mj.lab import setup
 from nsaid_mj.lab.control.driver import Driver, DriverConfig
 from nsaid_mj.lab.control.multisine import MultisineCommand
-from nsaid_mj.lab.evaluation.truth import truth_of
+from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.expected_gramian import expected_gramian
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.plants.scalar_rov import ScalarRovPlant
@@ -340,7 +340,7 @@ def test_the_simulated_gain_beats_the_scaled_one_and_the_summary_names_it(tmp_pa
     for gamma in ("scale", "simulated"):
         scenario = replace(base, identifier=replace(base.identifier, gamma=gamma))
         done = experiment.run(scenario, tmp_path / gamma)
-        summary = summarize(done, truth_of(done))
+        summary = summarize(done, Truth.of(done))
         assert summary["gamma"] == gamma and summary["status"] == "completed"
         assert summary["lyapunov_violations"] == 0 and summary["conserved_drift"] < 1e-5
         assert json.loads(scenario.to_json())["identifier"]["gamma"] == gamma

@@ -15,7 +15,7 @@ from nsaid_mj.lab.control.quadrotor import QuadrotorFlight
 from nsaid_mj.lab.plants.vehicles import BlueROV2Plant, QuadrotorPlant
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.scenario import Scenario
-from nsaid_mj.lab.setup import Setup, draw_prior, trajectory
+from nsaid_mj.lab.setup import Setup, draw_prior
 from nsaid_mj.robots.assets import published_numbers
 from tests.support.matrices import skew
 from tests.support.plants import drive, hold, plant
@@ -408,7 +408,10 @@ def test_the_controller_stays_airborne_for_five_minutes(model, seed):
     airborne(model, way, q, u)
 
 
-@models
+@pytest.mark.parametrize(
+    "model",  # both have the same controller
+    ["crazyflie", pytest.param("hummingbird", marks=pytest.mark.slow)],
+)
 @pytest.mark.parametrize("name,value", [("lag", 0.02), ("delay", 0.01), ("flow", (3.0, -2.0, 0.5))])
 def test_the_controller_stays_airborne_under_unmodelled_lag_delay_and_wind(model, name, value):
     way, q, _, u = flight(model, 0, 20.0, **{name: value})
@@ -442,7 +445,7 @@ def test_with_the_true_prior_and_no_dither_the_path_is_tracked_closely():
     p = plant("hummingbird", dt=2.5e-3)
     driver = CALM.build(p.system, p.truth, np.random.default_rng(0))
     with p.running():
-        rows = trajectory(p, driver, 12000).rows
+        rows = p.trajectory(driver, 12000).rows
     off = [row.q[:3] - driver._path(row.t)[0, :3] for row in rows[6000:]]
     assert np.abs(off).max() < 0.15
 
@@ -470,7 +473,7 @@ def test_restarting_a_driver_resets_its_state():
     first, again = ([], [])
     for seen in (first, again):
         with p.running():
-            seen += [row.u for row in trajectory(p, driver, 200).rows]
+            seen += [row.u for row in p.trajectory(driver, 200).rows]
     assert (np.array(first) == np.array(again)).all()
 
 

@@ -140,6 +140,7 @@ def test_columns_of_one_kind_and_name_share_their_parameter(tmp_path):
         ("value = 26.0 ", "", InvalidInput, "nominal value"),
         ("command = 3\n", "", InvalidInput, "Commands count from 1"),
         ("command = 3\n", "command = 0\n", InvalidInput, "from 1"),
+        ("command = 3\n", f"command = {10**300}\n", InvalidInput, "to 1000"),
         ("point = [-1.0, 0.395, 0.0]", 'point = "aft"', InvalidInput, "a number, or several"),
         ("point = [-1.0, 0.395, 0.0]", "point = [1.0, 2.0]", InvalidInput, "3 numbers"),
         ("point = [-1.0, 0.395, 0.0]\n", "", InvalidInput, "point"),

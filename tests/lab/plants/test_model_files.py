@@ -7,7 +7,6 @@ from nsaid_mj.lab.control.multisine import MultisineCommand
 from nsaid_mj.lab.control.tracking import FourierTracking
 from nsaid_mj.lab.plants.jointed import ArmPlant
 from nsaid_mj.lab.plants.world.simulated import SimulatedRobot
-from nsaid_mj.lab.setup import trajectory
 from nsaid_mj.robots.errors import RobotChanged
 from tests.support.plants import assert_engines_agree
 
@@ -69,7 +68,7 @@ def test_theta_makes_the_same_plant_again(file):
 def test_motors_are_driven_and_a_passive_joint_swings(file):
     plant, rng = built(file), np.random.default_rng(0)
     driver = FourierTracking(speed=1.0).build(plant.system, plant.truth, rng)
-    log = trajectory(plant, driver, 3000)
+    log = plant.trajectory(driver, 3000)
     errors = plant.system.angles(log.q) - np.array([driver.desired(t)[0] for t in log.t])
     assert log.u.shape == (3001, 1)
     assert np.abs(errors[:, 0]).max() < 0.1 < np.ptp(plant.system.angles(log.q), axis=0).min()

@@ -214,7 +214,7 @@ def test_stiffnesses_are_found_from_targets_and_encoders(tmp_path):
     """Within 20 s, by the law `efficient` under noise: ratios of kp to one in a thousand."""
     from dataclasses import replace
 
-    from nsaid_mj.lab.evaluation.truth import truth_of
+    from nsaid_mj.lab.evaluation.truth import Truth
     from nsaid_mj.lab.loop import run
     from tests.support.summaries import summarize
 
@@ -226,7 +226,7 @@ def test_stiffnesses_are_found_from_targets_and_encoders(tmp_path):
         identifier=replace(scenario.identifier, law="efficient", gamma="scale"),
     )
     done = run(scenario, tmp_path)
-    summary = summarize(done, truth_of(done))
+    summary = summarize(done, Truth.of(done))
     assert summary["status"] == "completed" and summary["misfit"] == "none"
     assert summary["actuator_ratio_error"] <= 1e-3
     assert summary["confidence"]["covered"] >= 0.8

@@ -13,7 +13,6 @@ from nsaid_mj.lab.control.autopilot import DepthHeadingAutopilot
 from nsaid_mj.lab.control.signals import Multisine
 from nsaid_mj.lab.plants.vehicles import BlueROV2Plant
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
-from nsaid_mj.lab.setup import trajectory
 from nsaid_mj.robots.assets import published_numbers
 from tests.support.plants import drive, hold, plant, wrong_prior
 from tests.support.vehicles import acceleration
@@ -363,7 +362,7 @@ def test_without_dither_depth_and_heading_follow_their_references():
     course = Multisine(2, calm.low / calm.slow, calm.high / calm.slow, calm.tones, 1.0, rng)
     depth, heading = [], []
     with p.running():
-        for t, q, _, _ in trajectory(p, driver, 15000).rows:
+        for t, q, _, _ in p.trajectory(driver, 15000).rows:
             dive, turn = course(t)
             if t > 60:
                 depth.append(q[2] + 20 - 5 * dive)

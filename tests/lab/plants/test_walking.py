@@ -156,10 +156,10 @@ def test_it_never_falls_with_masses_that_nobody_told_its_controller(seed):
 @pytest.mark.parametrize("sensors", ["ideal", "noisy"])
 def test_gains_are_found_while_it_walks(sensors, tmp_path):
     from nsaid_mj.lab.evaluation.run_evaluation import evaluate
-    from nsaid_mj.lab.evaluation.truth import truth_of
+    from nsaid_mj.lab.evaluation.truth import Truth
 
     finished = run(replace(load("quadruped"), sensors=sensors, seed=7), tmp_path / "run")
-    result = evaluate(finished, truth_of(finished))
+    result = evaluate(finished, Truth.of(finished))
     assert result.accuracy.actuator_ratio_error < 2e-3
     assert result.accuracy.force_residual_ratio < 5e-3
     assert result.accuracy.theta_perp_ratio < result.accuracy.theta_perp_ratio_initial

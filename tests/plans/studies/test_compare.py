@@ -14,9 +14,9 @@ from nsaid_mj.base.choices import CHOICES
 from nsaid_mj.base.errors import BadRun, InvalidInput, NoEstimate, UnknownName
 from nsaid_mj.cli.commands import command
 from nsaid_mj.core.laws.conventional import ConventionalAID
-from nsaid_mj.lab.baselines import BATCH
-from nsaid_mj.lab.baselines.base import MethodEstimate
 from nsaid_mj.lab.library import load
+from nsaid_mj.plans.baselines import BATCH
+from nsaid_mj.plans.baselines.base import MethodEstimate
 from nsaid_mj.plans.studies import compare, compare_report
 from nsaid_mj.plans.studies.compare import BOUND, PRIOR, ComparedPlant
 from nsaid_mj.plans.studies.compare_report import (

@@ -29,7 +29,7 @@ from nsaid_mj.core.numerics.lanes import WIDTH
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.lab import following
 from nsaid_mj.lab import loop as experiment
-from nsaid_mj.lab.evaluation.truth import truth_of
+from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.setup import Setup
 from nsaid_mj.plans.studies import montecarlo, montecarlo_results
 from nsaid_mj.plans.studies.folder import ROWS, TABLE
@@ -113,7 +113,7 @@ def test_unshared_plants_give_the_runs_of_their_seeds(name, tmp_path):
         assert np.array_equal(part, alone.record[key])
     last = alone.record["theta_hat"][-1]
     assert rows[2]["theta_perp_ratio"] == float(course.ratio(last))
-    summary = summarize(alone, truth_of(alone))
+    summary = summarize(alone, Truth.of(alone))
     for key in ("status", "status_time", "actuator_ratio_error"):
         assert rows[2][key] == summary[key], key
     for key in ("theta_perp_ratio", "theta_perp_ratio_initial"):

@@ -18,7 +18,7 @@ import pytest
 
 from nsaid_mj.base.errors import BadRun, InvalidInput, UnknownName
 from nsaid_mj.core.laws.base import Status
-from nsaid_mj.lab.evaluation.truth import truth_of
+from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run as run_alone
 from nsaid_mj.lab.scenario import Scenario, field_at, varied
@@ -109,7 +109,7 @@ def test_seeds_come_from_the_master_by_spawn_key(sweep: Runs) -> None:
 
 def test_a_run_of_a_sweep_equals_the_run_alone(sweep: Runs, tmp_path: Path) -> None:
     done = run_alone(scenario_of(PLAN, 3), tmp_path)
-    summary = summarize(done, truth_of(done))
+    summary = summarize(done, Truth.of(done))
     row = sweep.rows[3]
     same = {key for key in row if key in summary} - set(COSTS)
     assert {"theta_perp_ratio", "conserved_drift", "status", "scenario_hash"} <= same
@@ -292,7 +292,7 @@ def test_the_table_holds_every_row_and_the_manifest(sweep: Runs) -> None:
 def test_a_run_that_ended_early_has_not_converged(tmp_path: Path) -> None:
     near = replace(ROV, initial_error=1e-6, duration=1.0)
     done = run_alone(near, tmp_path)
-    truth = truth_of(done)
+    truth = Truth.of(done)
     assert time_to_converge(done, truth) == 0.0
     done.ending.status = Status.plant_diverged
     assert time_to_converge(done, truth) is None

@@ -58,6 +58,7 @@ def test_every_parameter_is_in_a_table(result: Identification, text: str) -> Non
     assert {p.label for p in result.parameters if p.is_gain} <= cells(text)
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("share", [0.00123, 0.034, 0.5])
 def test_the_half_width_of_a_gains_ratio_is_printed_in_per_cent(
     share: float, result: Identification
@@ -76,6 +77,7 @@ def test_the_verdict_stands_before_any_figure_and_findings_follow_it(text: str) 
     assert "rows 3 to 9 were left out" in text
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("explains", "kind"), [("yes", "good"), ("partly", "fair"), ("no", "poor")]
 )
@@ -156,6 +158,7 @@ def test_unusual_identifications_are_reported(result: Identification, tmp_path: 
     assert printed(result).splitlines()[0].endswith(result.verdict)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_terminal_has_the_verdict_first_then_warnings(result: Identification) -> None:
     lines = printed(result, Path("out/report.html")).splitlines()
     assert lines[0] == f"✔ test arm: {result.verdict}"
@@ -186,6 +189,7 @@ def test_an_estimate_is_rounded_to_its_interval(
     assert estimate(value, low, high) == wanted
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("width", [60, 80, 200])
 def test_the_terminals_lines_are_not_broken_inside_a_status(width: int) -> None:
     stream = io.StringIO()
@@ -195,6 +199,7 @@ def test_the_terminals_lines_are_not_broken_inside_a_status(width: int) -> None:
     assert max(map(len, stream.getvalue().splitlines())) <= width
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_anchor_of_the_scale_is_on_page_and_terminal(result: Identification, text: str) -> None:
     assert "rests on the known mass_1 = 2" in text
     assert "rests on the known mass_1 = 2" in printed(result)

@@ -17,11 +17,12 @@ import pytest
 from matplotlib.figure import Figure
 
 from nsaid_mj.report import plots
-from nsaid_mj.report.drawings import draw
+from nsaid_mj.report.drawings import draw, over_time
 from nsaid_mj.report.page import VARIABLES, Page, render_html
 from nsaid_mj.report.panels import COLOURS, POINTS, Comparison, Forest, Panel, Points, thin
-from nsaid_mj.report.plots import number, over_time, page_figure
+from nsaid_mj.report.plots import page_figure
 from nsaid_mj.report.result import Result
+from nsaid_mj.report.svg import Side, number
 from tests.report.pages.drawing import points_of, words_of
 from tests.report.pages.markup import data_of
 
@@ -65,6 +66,21 @@ def test_a_curve_lies_where_its_axes_say(low, high, logarithmic):
         np.testing.assert_allclose(points[[0, -1], column], ends, atol=0.2)
 
 
+@pytest.mark.parametrize("logarithmic", [False, True])
+@pytest.mark.parametrize(
+    "low,high", [(1e-300, 2e-300), (0.03, 0.2), (1e-12, 1e12), (999.9999, 1000.0001), (1e7, 3e7)]
+)
+def test_ticks_of_any_range_are_several_lie_inside_and_have_texts_of_their_own(
+    low: float, high: float, logarithmic: bool
+) -> None:
+    for most in (3, 6):
+        ticks = Side((low, high), log=logarithmic, most=most).ticks
+        assert 2 <= len(ticks) <= most + 2
+        assert len({text for _, text in ticks}) == len(ticks)
+        slack = 1e-8 * (high - low)
+        assert all(low - slack <= at <= high + slack for at, _ in ticks)
+
+
 def test_curves_of_one_panel_share_its_axes():
     drawing = ElementTree.fromstring(over_time(panel([0, 1, 2], [1, 2, 4])))
     one, other = (points_of(drawing, colour) for colour in COLOURS[:2])
@@ -106,9 +122,8 @@ def test_the_same_data_give_the_same_bytes_in_every_process_whatever_the_users_s
 ):
     (tmp_path / "matplotlibrc").write_text("font.size: 30\naxes.facecolor: red\n")
     code = (
-        "import numpy as np\nfrom nsaid_mj.report.plots import Panel, over_time\n"
-        "p = Panel('what', 'y [m]')\np.add(np.arange(3.0), np.arange(3.0), 'curve 0')\n"
-        "print(over_time(p))"
+        "from nsaid_mj.report.plots import page_figure\n"
+        "print(page_figure('title', lambda axis: axis.plot([0, 1, 2])).drawing)"
     )
     done = subprocess.run(
         [sys.executable, "-c", code],
@@ -118,12 +133,13 @@ def test_the_same_data_give_the_same_bytes_in_every_process_whatever_the_users_s
         env={**os.environ, "MATPLOTLIBRC": str(tmp_path)},
         timeout=120,
     )
-    assert done.stdout.strip() == over_time(panel([0, 1, 2])).strip()
+    own = page_figure("title", lambda axis: axis.plot([0, 1, 2])).drawing
+    assert done.stdout.strip() == own.strip()
 
 
 def test_drawing_leaves_matplotlibs_settings_and_pyplot_unchanged():
     before = dict(matplotlib.rcParams)
-    over_time(panel([0, 1, 2]))
+    page_figure("title", lambda axis: axis.plot([0, 1, 2]))
     assert dict(matplotlib.rcParams) == before
     code = "import sys, nsaid_mj.report.plots; print('matplotlib.pyplot' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -27,9 +27,8 @@ from nsaid_mj.lab.evaluation.statistics import (
     StatedConfidence,
     Unobservable,
 )
-from nsaid_mj.lab.evaluation.summary import summary_of
-from nsaid_mj.lab.evaluation.truth import Truth, truth_of
-from nsaid_mj.lab.evaluation.verify import verify
+from nsaid_mj.lab.evaluation.truth import Truth
+from nsaid_mj.lab.evaluation.verify import Verification
 from nsaid_mj.lab.loop import SimulatedRun, run
 from nsaid_mj.report.page import render_html
 from nsaid_mj.report.panels import COLOURS, LAWS
@@ -53,17 +52,17 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> SimulatedRun:
 
 @pytest.fixture(scope="module")
 def result(done: SimulatedRun) -> RunResult:
-    return evaluated(done, truth_of(done))
+    return evaluated(done, Truth.of(done))
 
 
 @pytest.fixture(scope="module")
 def summary(result: RunResult) -> dict[str, Any]:
-    return summary_of(result)
+    return result.summary()
 
 
 @pytest.fixture(scope="module")
 def text(done: SimulatedRun, result: RunResult) -> str:
-    return render(done, result, verify(done, truth_of(done), result))
+    return render(done, result, Verification.of(done, Truth.of(done), result))
 
 
 def value_of(text: str) -> float:
@@ -91,7 +90,7 @@ def test_every_identifiers_distance_is_drawn_as_recorded(done: SimulatedRun, tex
         ("", COLOURS[LAWS["paper"]]),
         ("_conventional", COLOURS[LAWS["conventional"]]),
     ):
-        ratio = truth_of(done).distance(done.record["t"], done.record[f"theta_hat{suffix}"])
+        ratio = Truth.of(done).distance(done.record["t"], done.record[f"theta_hat{suffix}"])
         drawn += [*points_of(first, colour)[[0, -1], 1]]
         wanted += [*np.log10(ratio[[0, -1]])]
     slope, start = np.polyfit(wanted, drawn, 1)  # one axis for both curves, upwards
@@ -181,16 +180,18 @@ def test_everything_is_unfolded_on_paper(summary: dict[str, Any], text: str) -> 
     assert all(row["label"] in cells for row in summary["parameters"])
 
 
-def test_the_verdict_comes_first_with_its_figures_and_the_robots_picture(text: str) -> None:
+def test_the_verdict_comes_first_then_gains_then_statistics_and_the_robots_picture(
+    text: str,
+) -> None:
     order = [
         text.index(part)
         for part in (
             'class="banner verdict',
             'class="carrying"',
             "Distance to the true set",
-            "<h2>Figures",
-            "data:image/png;base64,",
             "<h2>Actuator gains",
+            "<h2>Statistics",
+            "data:image/png;base64,",
             "Predicted against measured forces",
             "What cannot be known",
             "<h2>Parameters",
@@ -238,7 +239,7 @@ def test_everything_from_outside_is_escaped(
         )
     )
     evil = replace(done, folder=tmp_path / EVIL.replace("/", "|"))
-    text = render(evil, told, verify(evil, truth_of(done), told))
+    text = render(evil, told, Verification.of(evil, Truth.of(done), told))
     assert "<script" not in unscripted(text)
     assert unescape(text).count("<script>") > 20
     Page.of(text)
@@ -292,7 +293,7 @@ def test_a_verdict_is_shown_where_there_is_one(done: SimulatedRun, result: RunRe
 def test_a_run_of_one_row_has_a_report(done: SimulatedRun, tmp_path: Path) -> None:
     columns = {name: rows[:1] for name, rows in done.record.columns.items()}
     short = replace(done, folder=tmp_path, record=replace(done.record, columns=columns))
-    text = render(short, evaluated(short, truth_of(done)))
+    text = render(short, evaluated(short, Truth.of(done)))
     assert len(drawings(text)) >= 4
     assert "nan" not in "".join(re.findall(r"<svg.*?</svg>", text, flags=re.DOTALL))
 
@@ -306,5 +307,5 @@ def test_axes_have_labels_with_units(text: str) -> None:
 def test_reporting_a_run_twice_gives_the_same_page(
     done: SimulatedRun, result: RunResult, text: str
 ) -> None:
-    verdicts = verify(done, truth_of(done), result)
-    assert render(done, evaluated(done, truth_of(done)), verdicts) == text
+    verdicts = Verification.of(done, Truth.of(done), result)
+    assert render(done, evaluated(done, Truth.of(done)), verdicts) == text

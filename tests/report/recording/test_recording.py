@@ -32,8 +32,7 @@ from nsaid_mj.core.structure.joints import JointTree
 from nsaid_mj.core.structure.parts import Body, Column, Inertia
 from nsaid_mj.core.structure.structure import Structure
 from nsaid_mj.core.structure.system import SecondOrderSystem
-from nsaid_mj.lab.evaluation.truth import truth_of
-from nsaid_mj.lab.evaluation.truth import truth_of as metrics_truth_of
+from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.loop import FAULTS, SimulatedRun, run
 from nsaid_mj.lab.recording import forces, inertia, torques, viewer
 from nsaid_mj.lab.recording.run import write_run_recording
@@ -62,7 +61,7 @@ ARM = Scenario(
 
 def recorded(scenario: Scenario, folder: Path) -> SimulatedRun:
     result = run(scenario, folder)
-    truth = metrics_truth_of(result)
+    truth = Truth.of(result)
     write_run_recording(result, evaluated(result, truth), truth)
     return result
 
@@ -139,7 +138,7 @@ def test_the_last_estimate_is_bit_exact_and_the_timeline_ends_with_the_run(
 
 
 def test_recorded_distances_are_those_of_the_summary(rov: SimulatedRun) -> None:
-    entities, summary = read(rov), summarize(rov, metrics_truth_of(rov))
+    entities, summary = read(rov), summarize(rov, Truth.of(rov))
     for name, numbers in (("NS-AID", summary), ("conventional", summary["rivals"]["conventional"])):
         values = [v for v in entities[f"/distance/{name}"]["Scalars:scalars"] if v]
         assert values[0][0] == numbers["theta_perp_ratio_initial"]
@@ -359,7 +358,7 @@ def test_a_robot_without_meshes_is_drawn_by_its_joints(tmp_path: Path) -> None:
     if result.plant.visuals():
         pytest.skip("it has meshes now")
     assert not drawn.empty
-    truth = metrics_truth_of(result)
+    truth = Truth.of(result)
     write_run_recording(result, evaluated(result, truth), truth)
     assert "LineStrips3D:strips" in read(result)["/robot/links"]
 
@@ -413,7 +412,7 @@ def test_every_view_has_one_parent_only(which: str, request: pytest.FixtureReque
     result: SimulatedRun = request.getfixturevalue(which)
     space, drawn = result.plant.system.space, scene.Scene(result.system, result.plant)
     camera = drawn.camera(result.record["q"], result.record["v"])
-    curves = lines.lines_of(evaluated(result, truth_of(result)).curves)
+    curves = lines.lines_of(evaluated(result, Truth.of(result)).curves)
     for kind in ("motor gain", ""):
         whole = layout.blueprint(space, camera, plots.Plots(curves, 1.0), shared=kind)
         found, waiting = [], [whole.root_container]
@@ -584,7 +583,7 @@ def test_the_link_of_a_failed_joint_turns_red_when_that_is_found(tmp_path: Path)
     result = run(ARM, tmp_path)
     event = FaultEvent(0.1, 0.12, "loss", "gain", ("gain_3",), 0.4, 0.3, 0.5, "1", 1.0)
     write_json(tmp_path / FAULTS, [event.keys()])
-    truth = metrics_truth_of(result)
+    truth = Truth.of(result)
     write_run_recording(result, evaluated(result, truth), truth)
     mesh = "Mesh3D:albedo_factor"
     parts = {name: part for name, part in read(result).items() if mesh in part}

@@ -613,8 +613,11 @@ def causal(rows: JointRows, choice: Choice, delays: Delays) -> tuple[Choice, lis
     delay = np.where((choice.delay < 0) & (high >= 0), 0.0, choice.delay)
     choice = replace(choice, delay=delay)
     found = []
+    driven = rows.recordings.driven(rows.robot)  # others have no command
+    names = [rows.robot.joints[j] for j in driven]
+    low, high, delay = low[driven], high[driven], delay[driven]
     early = delay < 0
-    data = dict(zip(rows.robot.joints, delay.tolist(), strict=True))
+    data = dict(zip(names, delay.tolist(), strict=True))
     ends = f"95 %: {_ms(low[0], 2)} to {_ms(high[0], 2)} ms"
     alike = np.ptp(delay) < 1e-9
     if early.any():
@@ -629,7 +632,7 @@ def causal(rows: JointRows, choice: Choice, delays: Delays) -> tuple[Choice, lis
             f"Set `offset = {delay[early].min():.4g}` for the file of the commands in the map, or "
             "record commands that no filter delays."
         )
-        where = "" if early.all() else ", ".join(np.array(rows.robot.joints)[early].tolist())
+        where = "" if early.all() else ", ".join(np.array(names)[early].tolist())
         found.append(Finding("warning", "clock_offset", where, text, remedy, dict(data)))
     text = f"commands act {_ms(delay[0])} ms after they were recorded ({ends})"
     if not alike or early.any():

@@ -30,8 +30,7 @@ from .options import (
     improves,
 )
 
-_TRIED = {option.name: option.values[0] for option in (SLIDING, LOADED)}
-# change of an effect by which it is differentiated: of Stribeck friction over the robust residual
+_COLUMNS = {SLIDING.name: 5, LOADED.name: 6}  # of the derivatives by the effects
 _STEPS = 2  # from the fit to all samples
 _LONGEST = 1.0  # step of ln θ
 _WORDS = {
@@ -87,27 +86,16 @@ def _fitted(fit: OutputError[JointFit], half: Array, effect: str | None) -> tupl
     """x and the simulation, with an effect, after Gauss–Newton steps on half of the samples."""
     own = fit.of
     prior = fit.prior
-    free = fit.prior.free
+    free = prior.free
+    columns = free if effect is None else np.append(free, _COLUMNS[effect])
     weight = weights(own, fit.residual, fit.sigma) * half
-    P = prior.deviation[free] ** -2.0
+    precision = np.pad(prior.deviation[free] ** -2.0, (0, len(columns) - len(free)))
     x = fit.x.copy()
     moved = own
-    residual = fit.residual
-    X = fit.jacobian
-    for k in range(_STEPS):
-        if k:
-            residual = moved.residual(x)
-            X = moved.jacobian(x, free)
-        pull = P * (x - prior.mean)[free]
-        precision = P
-        size = 0.0
-        if effect is not None:
-            size = getattr(moved.effects, effect)
-            change = _TRIED[effect] * (1.0 if effect == "load" else fit.sigma)
-            tried = JointFit(own.logs, own.used, NONE._replace(**{effect: size + change}))
-            X = np.column_stack([X, (tried.residual(x) - residual) / change])
-            pull = np.append(pull, 0.0)
-            precision = np.append(P, 0.0)
+    size = 0.0
+    for _ in range(_STEPS):
+        residual, X = moved.linear(x, columns)
+        pull = precision * np.pad((x - prior.mean)[free], (0, len(columns) - len(free)))
         H = (X.T * weight) @ X + np.diag(precision)
         step = -np.linalg.lstsq(H, (X.T * weight) @ residual + pull)[0]
         x[free] += np.clip(step[: len(free)], -_LONGEST, _LONGEST)

@@ -23,6 +23,7 @@ _DOUBLINGS = 6  # of a change, at most
 _RISE = 2.0  # of the cost, at two standard deviations, which count as one: residuals are correlated
 _CLOCK = 0.02  # of a sample: no log's clock and interpolation are more exact
 _SLOWEST = 1.0  # lag of an actuator [s]
+_AT_END = 0.95  # share of it from which a lag counts as no minimum: a simplex ends short of an edge
 _WIDEST = 0.3  # dead zone of rotors
 _DEAD = (0.08, 0.16)  # that are tried first
 _NUMBERS = 4  # of a timing, see `_timing_of`
@@ -115,7 +116,7 @@ def search(
         found = _with_drive(along, found, free)
     timing = _timing_of(found, earliest) or Timing()
     notes = []
-    if timing.lag > _SLOWEST - _FINE:
+    if timing.lag > _AT_END * _SLOWEST:
         text = f"no lag of the actuators is identified: the cost still falls at {_SLOWEST:g} s"
         remedy = "Record faster changes of the commands, and check what the commands are."
         notes.append(Finding("warning", "lag_at_edge", "", text, remedy))

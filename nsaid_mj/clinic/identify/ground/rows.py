@@ -27,6 +27,7 @@ from ....core import (
     Elimination,
     ParameterSpace,
     Rotor,
+    zero_phase,
 )
 from ....robots import RobotModel
 from ...logs.imu import GRAVITY
@@ -36,7 +37,7 @@ from ..joints import FILE, TRUSTED
 from ..links import file_links, link_blocks
 from ..problem import FitProblem, Mask, Size
 from ..rows import Rows, unrolled, with_columns
-from ..smoothing import Filter, Smooth, delayed, slope, smooth_commands
+from ..smoothing import Filter, Smooth, delayed, noise_levels, slope, smooth_commands
 
 BASE = 6
 """Velocities of the base, before those of the joints."""
@@ -50,6 +51,7 @@ CONTROLLED = "controller's damping"
 """What viscous friction contains of motors under a PD law: no motion tells the two apart."""
 _STAY = 10.0  # weight of J a = 0 beside E M a [kg]
 _RIDGE = 1e-12  # of the trace, for legs without a row of their own
+_TURNING = 30.0  # of the velocities by which dry friction turns [Hz]
 _WEIGHED = 0.002  # standard deviation of the logarithm of a weighed robot's mass
 
 
@@ -73,7 +75,7 @@ class GroundRows(Rows):
     """All columns of a walking robot's segments, without contact forces, filtered once.
 
     Attributes:
-        speed: index of s of tanh((v + lead · v̇)/s) of Coulomb friction in `SPEEDS`.
+        speed: index of s of tanh(v(t + lead)/s) of Coulomb friction in `SPEEDS`.
         lead: by which dry friction turns before the velocity does [s].
         gain: (k,) expected gains.
         spread: (k,) standard deviations of their logarithms.
@@ -104,6 +106,7 @@ class GroundRows(Rows):
         self.driven = recordings.driven(robot)
         law = recordings.feedback
         self._commands = [(s, smooth_commands(s, chosen, law)) for s in self.segments]
+        self._turned = [turning(s, chosen) for s in self.segments]
         self.eliminated = [self._eliminated(k, motion) for k, motion in enumerate(self.motions)]
         self.usable &= self._sure()
         self.usable[:, self.usable.sum(axis=0) < _FEW] = False
@@ -173,8 +176,10 @@ class GroundRows(Rows):
 
     def smoothed(self, number: int, ground: Ground) -> Smooth:
         """A motion under other assumptions about sensors."""
-        motion = smooth_ground(ground, self.segments[number], self.chosen)
-        return self._between(number, motion, ground)
+        own = self.motions[number]  # whose joints are the same
+        parts = zip(own[1:4], base_motion(ground, self.segments[number], self.chosen), strict=True)
+        q, v, a = (np.hstack([base, x[:, base.shape[1] :]]) for x, base in parts)
+        return self._between(number, own._replace(q=q, v=v, a=a), ground)
 
     def answer(self, number: int, theta: Array) -> Array:
         """(M, 6) accelerations of the base right after one row's step of the targets, at θ (p,).
@@ -332,7 +337,7 @@ class GroundRows(Rows):
     ) -> FitProblem:
         """The fit with commands that act late by (k,) seconds; `lag` is that of `acting`.
 
-        Coulomb friction is proportional to tanh((v + `lead` · v̇)/s), with s of index `speed` in
+        Coulomb friction is proportional to tanh(v(t + `lead`)/s), with s of index `speed` in
         `SPEEDS`; None for those of the rows.
         """
         space = self.space
@@ -349,8 +354,10 @@ class GroundRows(Rows):
             u = self.acting(number, delay, lag)[:, self.driven]
             own = each.E[:, :, [BASE + j for j in self.driven]]
             acting.append(self.chosen.rows(-own * u[:, None, :]))
-            motion = self.motions[number]
-            sign = np.tanh((motion.v + lead * motion.a)[:, BASE:] / s)
+            t = self.segments[number].log.t
+            ahead = self.motions[number].t + lead
+            v = np.column_stack([np.interp(ahead, t, column) for column in self._turned[number].T])
+            sign = np.tanh(v / s)
             rubbing.append(self.chosen.rows(each.E[:, :, BASE:] * sign[:, None, :]))
         Y[:, :, at] = np.concatenate(acting)
         Y[:, :, rubbed] = np.concatenate(rubbing)
@@ -377,11 +384,21 @@ class GroundRows(Rows):
 
 def smooth_ground(ground: Ground, segment: LogSegment, chosen: Filter) -> Smooth:
     """The smoothed motion of base and joints of a segment."""
-    assert segment.imu is not None
     log = segment.log
     pick = slice(None, None, chosen.every)
     joints = chosen.low_pass(log.q)
     rates = slope(log.t, joints) if chosen.differentiate else chosen.low_pass(log.v)
+    each = (joints, rates, slope(log.t, rates))
+    pairs = zip(base_motion(ground, segment, chosen), each, strict=True)
+    q, v, a = (np.hstack([base, own[pick]]) for base, own in pairs)
+    usable = np.repeat(np.all(segment.usable, axis=1, keepdims=True), v.shape[1], axis=1)
+    return Smooth(log.t[pick], q, v, a, usable[pick])
+
+
+def base_motion(ground: Ground, segment: LogSegment, chosen: Filter) -> tuple[Array, Array, Array]:
+    """(M, 7) positions, (M, 6) velocities and (M, 6) accelerations of the base of a segment."""
+    assert segment.imu is not None
+    log = segment.log
     imu = _at_time(log.t, segment.imu, ground.clock)
     turn = ground.imu.rotation
     spin = chosen.low_pass(imu[:, 4:7] @ turn.T)
@@ -393,11 +410,13 @@ def smooth_ground(ground: Ground, segment: LogSegment, chosen: Filter) -> Smooth
     quaternion /= np.linalg.norm(quaternion, axis=1)[:, None]
     down = -GRAVITY * Rotation.from_quat(quaternion).as_matrix()[:, 2]
     none = np.zeros_like(force)
-    q = np.asarray(np.hstack([none, quaternion, joints]), dtype=np.float64)
-    v = np.asarray(np.hstack([none, spin, rates]), dtype=np.float64)
-    a = np.asarray(np.hstack([force + down, spun, slope(log.t, rates)]), dtype=np.float64)
-    usable = np.repeat(np.all(segment.usable, axis=1, keepdims=True), v.shape[1], axis=1)
-    return Smooth(log.t[pick], q[pick], v[pick], a[pick], usable[pick])
+    found = (
+        np.hstack([none, quaternion]),
+        np.hstack([none, spin]),
+        np.hstack([force + down, spun]),
+    )
+    q, v, a = (np.asarray(x[:: chosen.every], dtype=np.float64) for x in found)
+    return q, v, a
 
 
 def _travelled(segment: LogSegment, chosen: Filter) -> Array:
@@ -409,6 +428,25 @@ def _travelled(segment: LogSegment, chosen: Filter) -> Array:
     """
     found = slope(segment.log.t, chosen.low_pass(segment.log.q))[:: chosen.every]
     return np.asarray(found, dtype=np.float64)
+
+
+def turning(segment: LogSegment, chosen: Filter) -> Array:
+    """(N, k) velocities of the joints by which dry friction turns, at the samples of a segment.
+
+    Friction follows the sign of a velocity that is seldom far from 0, so noise flattens it, and
+    what then is missing is taken for rotor inertia. Measured velocities and slopes of positions,
+    weighted by their noise up to `_TURNING`, are the least noisy ones.
+    """
+    log = segment.log
+    if len(log.t) < 8:
+        return log.v
+    position, velocity = noise_levels(log)
+    band = min(_TURNING, chosen.smoothing)
+    of_slope = (2 * np.pi * band * position) ** 2 / 3  # mean of ω² up to the band's end
+    total = of_slope + velocity**2
+    share = of_slope / total if total > 0 else 0.5
+    v = share * log.v + (1 - share) * slope(log.t, log.q)
+    return zero_phase(v, band, chosen.rate)
 
 
 def total_mass(robot: RobotModel, p: int) -> Array:

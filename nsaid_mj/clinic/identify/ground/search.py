@@ -322,7 +322,7 @@ def _alternatives(rows: GroundRows, delay: Array, others: Sequence[float]) -> It
         yield rows.problem(np.full(len(delay), other))
     for speed in {max(rows.speed - 2, 0), min(rows.speed + 2, len(SPEEDS) - 1)} - {rows.speed}:
         yield rows.problem(delay, speed)
-    for lead in _LEADS:  # noise of the accelerations hides it in part
+    for lead in _LEADS:
         if lead != rows.lead:
             yield rows.problem(delay, lead=lead)
     if rows.recordings.feedback is not None:

@@ -27,10 +27,11 @@ def read(path: Path) -> list[Columns]:
         raise UnreadableLog(path, "the table has no rows", "Record the log again.")
     values = {}
     dropped = []
-    for name in table.column_names:
-        column = table.column(0)  # frees what has been converted
-        table = table.remove_column(0)
-        found = flat(name, column)
+    names = table.column_names
+    left = table.columns[::-1]
+    del table
+    for name in names:
+        found = flat(name, left.pop())  # frees what has been converted
         values |= found
         if not found:
             dropped.append((name, "lists of differing lengths, or not of numbers"))

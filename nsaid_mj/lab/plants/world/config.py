@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 import numpy as np
 from pydantic import model_validator
 
-from ....base import Config, config
+from ....base import Config, InvalidInput, config
 from .faults.text import Faults
 from .mismatch import Mismatch
 
@@ -47,6 +47,23 @@ class PlantConfig(Config, ABC):
     @abstractmethod
     def build(self, dt: float, seed: int) -> Plant:
         """Makes the plant with time step dt [s] and hidden parameters drawn from the seed."""
+
+    def published(self, dt: float) -> tuple[Plant, Array]:
+        """The plant with its published θ, and this θ (p,).
+
+        Raises:
+            InvalidInput: the plant cannot be made with a given θ.
+        """
+        if not isinstance(self, ParametricPlantConfig):
+            raise InvalidInput(
+                "prior",
+                f"`drawn`, for {type(self).__name__}",
+                "nominal",
+                "Leave it out: this plant cannot be made with a given θ; see "
+                "ParametricPlantConfig.",
+            )
+        plant = self.simulating(dt)
+        return plant, plant.truth
 
 
 @config

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, Self
@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ....base import InvalidInput
-from ....core import Array, Indices, Log, Measurement, SecondOrderSystem
-from ....robots import Looks, VisualMesh
+from ....core import Array, Indices, Log, Measurement, SecondOrderSystem, Status
+from ....robots import Looks, VisualMesh, quiet
 from ...control.computed_torque import Tracking
 from ...control.driver import CompiledDriver, Driver
 from ...target_profile import advance, at_rest
@@ -24,9 +24,10 @@ from .coordinates import Reading
 from .faults.kinds import Fault
 from .faults.schedule import Schedule, Variant
 from .mismatch import Mismatch
-from .quiet import quiet
 from .sensors import EXACT_SENSORS, Sensors
 from .stepping import SimulatedWorld, drive, sound, warnings_of
+
+_PIECE = 5000  # time steps after which a long simulation can be stopped
 
 
 class Plant(ABC):
@@ -236,6 +237,46 @@ class Plant(ABC):
         errors = sensors.errors(steps, self.system.n)
         world = SimulatedWorld.of(self.model, self.data, self.substeps)
         return log.first(drive(law, world, reading, errors, log))
+
+    def trajectory(
+        self,
+        driver: Driver,
+        steps: int,
+        sensors: Sensors | None = None,
+        as_at: float | None = None,
+        check: Callable[[], object] = lambda: None,
+    ) -> Log:
+        """Drives the running plant for a number of time steps.
+
+        Sensors are exact if none are given. `as_at` freezes the actuators in their state at this
+        time of a run [s]. `check` is called at intervals; it may raise an exception to stop.
+        Returns steps + 1 measurements; fewer if the plant diverges, or after one that is not
+        finite.
+        """
+        sensors = sensors or EXACT_SENSORS
+        last = self.begin(driver, sensors, as_at)
+        parts = []
+        while True:
+            check()
+            log = self.drive(driver, last, min(steps, _PIECE), sensors)
+            parts.append(log.part(1 if parts else 0, len(log.t)))
+            steps = steps - _PIECE
+            last = log.at(-1)
+            if steps <= 0 or not self.is_sound(log):
+                return Log.unchecked(*map(np.concatenate, zip(*parts, strict=True)))
+
+    def is_sound(self, log: Log) -> bool:
+        """Whether it did not diverge along its last log, and all of the log is finite."""
+        return not self.diverged and all(np.isfinite(part).all() for part in log)
+
+    def ended(self, last: Measurement) -> tuple[Status, str] | None:
+        """Status and signal if the plant diverged or its measurement is not finite, else None."""
+        if self.diverged:
+            return Status.plant_diverged, self.diverged
+        for name, part in (("q", last.q), ("v", last.v)):  # before u, which follows from them
+            if not np.isfinite(part).all():
+                return Status.measurement_not_finite, name
+        return None if np.isfinite(last.u).all() else (Status.command_not_finite, "u")
 
     def times(self, start: float, steps: int) -> Array:
         """(steps + 1,) times from the sample at `start` [s] on."""

@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from nsaid_mj.clinic.identify.ground import stance as of_feet
 from nsaid_mj.clinic.identify.ground.rows import GroundRows
 from nsaid_mj.clinic.identify.ground.sensors import sensors_of, with_sensors
 from nsaid_mj.clinic.identify.ground.stance import Stance, stance
@@ -77,6 +79,29 @@ def test_a_leg_swings_only_where_its_sensor_says_so_too(known: tuple[GroundRows,
     found, _ = with_sensors(rows, lifted)
     assert np.concatenate(found.touching).mean() > 0.5
     assert with_sensors(known[0], seen) == (seen, None)
+
+
+def test_a_foot_that_is_not_lifted_may_bear_load(
+    known: tuple[GroundRows, Stance], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Forces too small to be seen act on a foot that drags, and not on one in the air."""
+    rows, seen = known
+    weight = 9.81 * 9.7 / 3
+    unloaded = [np.full(x.shape, weight) for x in seen.normal]
+    unloaded[0][:, :2] = 0.0
+    monkeypatch.setattr(of_feet, "_normal", lambda _, number, *__: unloaded[number])
+    raised = rows.eliminated[0].places.copy()
+    raised[:, 1] += 0.1 * rotations(rows)[:, 2]
+    monkeypatch.setattr(rows.eliminated[0], "places", raised)
+    found = stance(rows, np.zeros(len(rows.space)), np.zeros(9), 9.7)
+    touching = found.touching[rows.position(0)]
+    assert touching[:, 0].all() and touching[:, 2].all()
+    assert not touching[:, 1].any()
+
+
+def rotations(rows: GroundRows) -> Array:
+    """(M, 3, 3) of the base along the first motion, whose rows are the world's axes."""
+    return np.asarray(Rotation.from_quat(rows.motions[0].q[:, 3:7]).as_matrix())
 
 
 def test_sensors_are_found_by_name() -> None:

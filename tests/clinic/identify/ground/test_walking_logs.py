@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from nsaid_mj.base import NsaidError
+from nsaid_mj.clinic.identify.dry_mass import off_file, with_dry_mass
 from nsaid_mj.clinic.identify.export import write_models
 from nsaid_mj.clinic.identify.ground.feet import feet_of, imu_pose
 from nsaid_mj.clinic.identify.ground.offsets import at_rest
-from nsaid_mj.clinic.identify.ground.rows import BASE, Ground, GroundRows
+from nsaid_mj.clinic.identify.ground.rows import BASE, Ground, GroundRows, turning
 from nsaid_mj.clinic.identify.ground.search import expected_gains, filter_of
 from nsaid_mj.clinic.identify.identify import (
     identify,
@@ -24,6 +25,8 @@ from nsaid_mj.clinic.logs.first_map import first_map
 from nsaid_mj.clinic.logs.mapping import ContactMap, Imu, map_of, read_map
 from nsaid_mj.clinic.logs.tables import read_tables
 from nsaid_mj.clinic.logs.unusable import UnusableLog
+from nsaid_mj.core import Log
+from nsaid_mj.lab import INTERVAL
 from nsaid_mj.robots import BadRobot, load_tree
 
 from .walking import GAINS, Walked, model_text, rows_of, walked
@@ -37,6 +40,20 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Walked:
 @pytest.fixture(scope="module")
 def rows(log: Walked) -> GroundRows:
     return rows_of(log)
+
+
+@pytest.mark.parametrize(("grain", "noise"), [(1e-5, 0.05), (5e-3, 0.002)])
+def test_dry_friction_turns_by_the_sensor_with_less_noise(
+    rows: GroundRows, grain: float, noise: float
+) -> None:
+    rng = np.random.default_rng(0)
+    t = np.arange(2000) / rows.chosen.rate
+    q = 0.3 * np.sin(4 * t)[:, None]
+    v = 1.2 * np.cos(4 * t)[:, None]
+    log = Log(t, grain * np.round(q / grain), v + noise * rng.standard_normal(v.shape), 0 * v)
+    segment = rows.segments[0]._replace(log=log)
+    error = turning(segment, rows.chosen) - v
+    assert error[50:-50].std() < 0.01
 
 
 def test_the_free_joint_is_kept_on_request(log: Walked) -> None:
@@ -200,7 +217,7 @@ def test_gains_under_unknown_contact_forces(log: Walked) -> None:
     own, nominal = (replayed.data[key] for key in ("exported", "nominal"))
     assert own[0] < 0.2  # type: ignore[index]
     assert nominal[0] > 0.5  # type: ignore[index]
-    assert "not simulated further, since a foot that touches down" in replayed.text
+    assert "not simulated, since a foot that touches down" in replayed.text
 
 
 def test_damping_acts_on_what_the_joints_travelled(rows: GroundRows) -> None:
@@ -255,3 +272,12 @@ def test_targets_of_held_servos_identify_stiffness_and_damping(tmp_path: Path) -
     np.testing.assert_allclose(damping, 4 * GAINS + 0.1, rtol=0.05)
     (said,) = [f for f in found.findings if f.code == "offset_at_step"]
     assert 0.2 < said.data["value"][0] < 0.8
+
+
+def test_a_told_mass_far_from_the_files_is_said(log: Walked) -> None:
+    robot = floating(load_robot_model(str(log.model)))
+    mass = sum(float(inertia.mass) for inertia in list(robot.model.inertias)[1:])
+    assert off_file(robot, 1.1 * mass) == 0
+    assert off_file(robot, 1.5 * mass) == pytest.approx(np.log(1.5) / INTERVAL)
+    (said,) = with_dry_mass(robot, 1.5 * mass).findings[len(robot.findings) :]
+    assert said.code == "told_mass" and "1.5 times" in said.text

@@ -20,14 +20,12 @@ from scipy import signal
 
 from ...base import NoEstimate, pin
 from ...core import Array, JointTree
-from ...robots import tree_spec
-from ..plants.world.callbacks import ARRAYS, WORDS, field_offsets, installed
-from ..plants.world.coordinates import JointMap
-from ..plants.world.quiet import quiet
+from ...robots import quiet, tree_spec
+from .world.callbacks import ARRAYS, WORDS, field_offsets, installed
+from .world.coordinates import JointMap
 
 if TYPE_CHECKING:
-    from ...core import Log
-    from .base import Problem
+    from ...core import Log, SecondOrderSystem, SensorLevels
 
 BUDGET = 120.0
 """Default limit of the CPU time of the search [s]."""
@@ -41,7 +39,11 @@ _MODEL_WORDS = 1 << 10  # how many 8-byte words of mjModel are searched; its poi
 
 
 def sysid(
-    problem: Problem, budget: float = BUDGET, further: Sequence[Log] = ()
+    system: SecondOrderSystem,
+    logs: Sequence[Log],
+    prior: Array,
+    noise: SensorLevels,
+    budget: float = BUDGET,
 ) -> tuple[Array, str]:
     """`mujoco.sysid` with a parallel finite-difference Jacobian, all parameters free.
 
@@ -51,9 +53,11 @@ def sysid(
     searched between 0.1 and 10 times the prior.
 
     Args:
-        problem: identification of an arm; its prior must be physical.
+        system: an arm.
+        logs: of this arm, at one rate.
+        prior: (p,) θ̂(0), which must be physical.
+        noise: standard deviations of the sensors.
         budget: CPU time of the search, which then returns its best candidate [s].
-        further: logs of the same arm, at the same rate.
 
     Returns:
         (p,) θ̂, and how the search ended, in words.
@@ -62,13 +66,12 @@ def sysid(
         NoEstimate: the system is not an arm, the toolbox is not installed, MuJoCo rejects the
             prior, or all logs are shorter than a chunk.
     """
-    system, log, prior, noise = problem
     if not isinstance(system, JointTree) or system.group or system.n_u < system.n:
         reason = "mujoco.sysid is set up for fixed-base arms with a motor on every joint only"
         raise NoEstimate(reason, "Leave it out.")
     own = toolbox()
-    model = _SysidModel(own, system, prior, log.step)
-    chunks = [c for each in (log, *further) for c in model.chunks(each, noise.exact)]
+    model = _SysidModel(own, system, prior, logs[0].step)
+    chunks = [c for each in logs for c in model.chunks(each, noise.exact)]
     if not chunks:
         raise NoEstimate(f"the log is shorter than a chunk of {_CHUNK:g} s", "Record longer.")
     search = _TimedSearch(own, model, chunks, time.process_time() + budget)

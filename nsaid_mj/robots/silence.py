@@ -7,14 +7,16 @@ import mujoco
 
 
 @contextmanager
-def quiet() -> Iterator[None]:
+def quiet() -> Iterator[list[str]]:
     """Context in which MuJoCo's warnings are neither printed nor written to MUJOCO_LOG.TXT.
 
-    MuJoCo creates that file in the current folder, which is the user's.
+    MuJoCo creates that file in the current folder, which is the user's. Yields the list to which
+    the warnings are added.
     """
     handler = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda _: None)
+    heard: list[str] = []
+    mujoco.set_mju_user_warning(heard.append)
     try:
-        yield
+        yield heard
     finally:
         mujoco.set_mju_user_warning(handler)

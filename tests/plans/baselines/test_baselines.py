@@ -10,23 +10,22 @@ import pytest
 from nsaid_mj.base.errors import InvalidInput, NoEstimate
 from nsaid_mj.core.log import Log, SensorLevels
 from nsaid_mj.core.structure.joints import JointTree
-from nsaid_mj.lab.baselines import BATCH, least_squares
-from nsaid_mj.lab.baselines import sysid as toolbox_module
-from nsaid_mj.lab.baselines.base import MethodEstimate, follow
-from nsaid_mj.lab.baselines.least_squares import (
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.loop import run
+from nsaid_mj.lab.plants import sysid as toolbox_module
+from nsaid_mj.lab.plants.sysid import sysid
+from nsaid_mj.plans.baselines import BATCH, least_squares
+from nsaid_mj.plans.baselines.base import MethodEstimate, follow
+from nsaid_mj.plans.baselines.least_squares import (
     Gauge,
     candidates,
     central_rows,
     condense,
     filtered,
     low_passed,
-    smoothed,
     weighted,
     window,
 )
-from nsaid_mj.lab.baselines.sysid import sysid
-from nsaid_mj.lab.library import load
-from nsaid_mj.lab.loop import run
 from nsaid_mj.plans.studies.compare import ComparedPlant, comparison_plan
 
 
@@ -149,7 +148,7 @@ def test_smoothing_removes_noise_and_leaves_a_position(name):
     rough = np.array([system.integrate(q, d) for q, d in zip(exact.log.q, steps, strict=True)])
     if system.group == 6:
         rough[1::2, 3:7] *= -1.0  # the same attitudes
-    log = smoothed(system, noisy.log._replace(q=rough, v=exact.log.v), 10.0)
+    log = system.smoothed(noisy.log._replace(q=rough, v=exact.log.v), 10.0)
     error = np.array([system.difference(a, b) for a, b in zip(exact.log.q, log.q, strict=True)])
     assert np.sqrt(np.mean(error**2)) < 6e-3
     back = np.array([system.integrate(q, np.zeros(system.n)) for q in log.q])
@@ -308,6 +307,11 @@ def installed():
     return hasattr(mujoco.sysid, "optimize")
 
 
+def by_toolbox(problem, budget=1.0):
+    system, log, prior, noise = problem
+    return sysid(system, [log], prior, noise, budget)
+
+
 needs_toolbox = pytest.mark.skipif(not installed(), reason="needs mujoco[sysid]")
 
 
@@ -316,12 +320,12 @@ def test_sysid_without_its_dependencies_says_how_to_install_them(pendulum, monke
 
     monkeypatch.delattr(mujoco.sysid, "optimize", raising=False)
     with pytest.raises(NoEstimate, match=r"mujoco\[sysid\]"):
-        sysid(pendulum._problem)
+        by_toolbox(pendulum._problem)
 
 
 def test_sysid_refuses_systems_other_than_arms():
     with pytest.raises(NoEstimate, match="arms"):
-        sysid(world("scalar_rov", 1.0)._problem)
+        by_toolbox(world("scalar_rov", 1.0)._problem)
 
 
 @needs_toolbox
@@ -354,7 +358,7 @@ def test_sysid_identifies_an_arm_within_its_time_budget():
     import time
 
     here, begin = world("double_pendulum", 3.0), time.process_time()
-    theta, note = sysid(here._problem, budget=15.0)
+    theta, note = by_toolbox(here._problem, 15.0)
     assert time.process_time() - begin < 25.0
     assert "6 chunks" in note
     before, after = (figures(here, MethodEstimate(t)) for t in (here._problem.prior, theta))

@@ -17,35 +17,10 @@ from ...core import (
     Posterior,
     Quotient,
     SecondOrderSystem,
-    continuous_signs,
     decimated,
     symmetric,
-    zero_phase,
 )
 from .base import MethodEstimate, Problem
-
-
-def smoothed(system: SecondOrderSystem, log: Log, cutoff: float) -> Log:
-    """The log with q and v passed through a zero-phase Butterworth filter; u is unchanged.
-
-    Positions on a manifold are filtered component by component; each measured position is then
-    moved along its tangent space towards the filtered value, so that it remains on the manifold.
-    The log has a constant rate; the cut-off [Hz] is limited to 0.8 of the Nyquist frequency.
-    """
-    rate = 1 / log.step
-    cutoff = min(cutoff, 0.4 * rate)
-    q = log.q
-    if system.group == 6:
-        q = q.copy()
-        q[:, 3:7] *= continuous_signs(q[:, 3:7])[:, None]
-    filtered = zero_phase(q, cutoff, rate)
-    if system.m != system.n:
-        J = np.array([system.J(z) for z in q])
-        along = np.einsum("kmn,km->kn", J, filtered - q)
-        metric = np.einsum("kmi,kmj->kij", J, J)
-        steps = np.linalg.solve(metric, along[..., None])[..., 0]
-        filtered = np.array([system.integrate(z, dz) for z, dz in zip(q, steps, strict=True)])
-    return log._replace(q=filtered, v=zero_phase(log.v, cutoff, rate))
 
 
 def low_passed(W: Array, rate: float, cutoff: float) -> Array:
@@ -199,7 +174,7 @@ def filtered(problem: Problem) -> tuple[Array, float, float]:
         InvalidInput: the log is too short for any cut-off.
     """
     rate = 1 / problem.log.step
-    log = smoothed(problem.system, problem.log, SMOOTHING)
+    log = problem.system.smoothed(problem.log, SMOOTHING)
     W = central_rows(problem.system, log)
     return W, rate, choose_cutoff(problem, log, W, rate)
 
