@@ -225,7 +225,7 @@ def _verify(name: str, default: Scenario, arguments: Sequence[str]) -> int:
     title, finished, result, output = _carry_out(name, default, arguments, "verify")
     from ..lab import Truth, Verification
 
-    found = Verification.of(finished, Truth.of(finished), result)
+    found = Verification.of_run(finished, Truth.of(finished), result)
     found.write()
     code = _judged(title, found, output.json, output.quiet)
     return code or _code(finished, result)

@@ -86,7 +86,7 @@ def _finish(
     if not _drawable(run.record):
         return result
     say("writing recording and report")
-    checks = Verification.of(run, truth, result) if len(run.record) >= ROWS else None
+    checks = Verification.of_run(run, truth, result) if len(run.record) >= ROWS else None
     result = with_curves(result, run, truth)
     if installed("rerun"):
         from .recording.run import write_run_recording

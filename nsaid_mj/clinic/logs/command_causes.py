@@ -183,17 +183,23 @@ def _turned(motion: LogMotion, robot: RobotModel) -> tuple[list[Finding], LogMot
 
 
 def _unchecked(clock: Retimed) -> Finding:
-    """The finding of a clock that may be another one, by which factors."""
+    """The finding of a clock that may be another one, by which factors.
+
+    It is a warning where one of these fits better, and widens intervals.
+    """
     low, high = clock.alike
     text = "nothing in the log checks its clock: it has no velocities, and inertia acts so little "
     text += f"that times multiplied by any number from {low:g} to {high:g} explain the commands as "
-    text += "well; intervals of inertias, of friction and of gains without weight allow for that"
+    text += "well"
+    if clock.doubted:
+        text += ", one of them better; intervals of inertias, of friction and of gains without "
+        text += "weight allow for that"
     remedy = (
         "Check the log's rate: if it is right, set `[time]` `scale = 1` in map.toml. Or record "
     )
     remedy += "faster motion, or velocities."
     data = {"low": low, "high": high}
-    return Finding("warning", UNCHECKED, "", text, remedy, data)
+    return Finding("warning" if clock.doubted else "note", UNCHECKED, "", text, remedy, data)
 
 
 def _explained(

@@ -22,7 +22,8 @@ _LINKS = 0.25  # relative standard deviation of a file's link parameters
 _NOISE = 0.2  # of a command in a row, over its deviation, against which links are bent
 _CLOCKS = np.array([0.1, 0.2, 0.33, 0.5, 0.6, 0.72, 0.85, 1.0, 1.2, 1.4, 1.7, 2.0, 3.0, 5.0, 10.0])
 _WRONG = 1.25  # factor of a clock from which inertias of a file do not explain it
-_DOUBTED = 1.5  # factor up to which clocks may fit as well: rates are rarely mistaken by less
+_FAR = 1.5  # factor between clocks that are far from each other
+_BETTER = 0.95  # ratio of errors from which another clock speaks against the log's own
 _FALLS = 0.8  # ratio of errors above which a clock is not told
 _ALIKE = 1.05  # such a ratio to the log's own clock up to which another one fits as well
 _FITS = 0.15  # error on another clock from which that does not explain the commands either
@@ -51,8 +52,13 @@ class Retimed(NamedTuple):
 
     @property
     def loose(self) -> bool:
-        """Whether clocks that are far from the log's own fit as well: inertia hardly acts."""
-        return self.alike[0] * _DOUBTED < 1 or self.alike[1] > _DOUBTED
+        """Whether clocks far from the log's own fit as well: inertia hardly acts."""
+        return self.alike[0] * _FAR < 1 or self.alike[1] > _FAR
+
+    @property
+    def doubted(self) -> bool:
+        """Whether one of them fits better. Without anything against it, a clock is right."""
+        return self.loose and self.error < _BETTER * self.plain
 
 
 class BentLinks:

@@ -115,7 +115,7 @@ class Verification(Result):
 
     @staticmethod
     @single_threaded
-    def of(run: Run, truth: Truth | None, result: RunResult | None = None) -> Verification:
+    def of_run(run: Run, truth: Truth | None, result: RunResult | None = None) -> Verification:
         """Checks the paper's statements on a finished run, completed or not.
 
         Without the truth of its plant, statements about the true θ are not applicable. `result` is

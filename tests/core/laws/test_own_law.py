@@ -83,7 +83,7 @@ def test_a_run_of_an_own_law_is_summarised_verified_and_shown_by_its_name(tmp_pa
     assert own == pytest.approx(rival, rel=1e-6)
     words = {
         verdict.statement: verdict.verdict
-        for verdict in Verification.of(done, truth, result).statements
+        for verdict in Verification.of_run(done, truth, result).statements
     }
     assert words["Theorem 1 (69)"] == words["(30) in (45)"] == "not applicable"
     assert words["Theorem 1 (70)"] != "not applicable"

@@ -194,7 +194,7 @@ def test_a_recording_without_a_truth_shows_the_robot_move(tmp_path):
 
 
 def test_without_a_truth_only_the_conserved_quantity_is_verified(done):
-    said = {v.statement: v.verdict for v in Verification.of(unknown(done), None).statements}
+    said = {v.statement: v.verdict for v in Verification.of_run(unknown(done), None).statements}
     own = said.pop("(30) in (45)")
     assert set(said.values()) == {"not applicable"} and own == "holds"
 

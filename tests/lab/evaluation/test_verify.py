@@ -25,7 +25,7 @@ FLAGS = ("--duration", "60", "--held-out", "0.5", "--pe-window", "10")
 
 
 def judged(run: SimulatedRun) -> tuple[StatementVerdict, ...]:
-    return Verification.of(run, Truth.of(run)).statements
+    return Verification.of_run(run, Truth.of(run)).statements
 
 
 def words(verdicts: tuple[StatementVerdict, ...]) -> dict[str, str]:

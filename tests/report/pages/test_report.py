@@ -62,7 +62,7 @@ def summary(result: RunResult) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def text(done: SimulatedRun, result: RunResult) -> str:
-    return render(done, result, Verification.of(done, Truth.of(done), result))
+    return render(done, result, Verification.of_run(done, Truth.of(done), result))
 
 
 def value_of(text: str) -> float:
@@ -239,7 +239,7 @@ def test_everything_from_outside_is_escaped(
         )
     )
     evil = replace(done, folder=tmp_path / EVIL.replace("/", "|"))
-    text = render(evil, told, Verification.of(evil, Truth.of(done), told))
+    text = render(evil, told, Verification.of_run(evil, Truth.of(done), told))
     assert "<script" not in unscripted(text)
     assert unescape(text).count("<script>") > 20
     Page.of(text)
@@ -307,5 +307,5 @@ def test_axes_have_labels_with_units(text: str) -> None:
 def test_reporting_a_run_twice_gives_the_same_page(
     done: SimulatedRun, result: RunResult, text: str
 ) -> None:
-    verdicts = Verification.of(done, Truth.of(done), result)
+    verdicts = Verification.of_run(done, Truth.of(done), result)
     assert render(done, evaluated(done, Truth.of(done)), verdicts) == text

@@ -266,7 +266,7 @@ def _rival_problems(
     for other in beside:
         yield other.problem(found.choice)
     for finding in rows.recordings.findings:
-        if finding.code == UNCHECKED:
+        if finding.code == UNCHECKED and finding.level == "warning":
             ends = [float(finding.data[end]) for end in ("low", "high")]  # type: ignore[arg-type]
             # the range is one of 95 %, its root one of a standard deviation
             factor = float(np.sqrt(max(1 / ends[0], ends[1])))
