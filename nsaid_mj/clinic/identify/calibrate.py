@@ -39,7 +39,7 @@ from .result import (
     statistics_of,
 )
 from .vehicle_loads import carried_by
-from .verdict import verdict
+from .verdict import GOOD, verdict
 
 _FOLDS = 5
 _BY_LOAD = ", or weigh a load that one of two logs carries: --load."
@@ -162,11 +162,29 @@ def _judged(
     checked = [np.nan if joint.validation is None else joint.validation for joint in joints]
     worse = np.where(np.isnan(held_out), np.nan, np.fmax(held_out, checked))
     unexplained = structure_checks(tuple(joint.name for joint in joints), worse)
-    if unexplained:
-        share = _doubted(problem, [f.where for f in unexplained], arm)
+    base = np.array([joint.name.startswith("base ") for joint in joints])
+    others = [f.where for f in unexplained if not f.where.startswith("base ")]
+    if others:
+        share = _doubted(problem, others, arm)
         structure = np.vstack([exact.structure, np.diag(exact.theta * share)])
         exact = exact._replace(structure=structure)
+    if (worse[base] >= GOOD).any():
+        structure = np.vstack([exact.structure, _without_each(fitted, base)])
+        exact = exact._replace(structure=structure)
     return [*found, *unexplained], exact
+
+
+def _without_each(fitted: BatchFit, base: Array) -> Array:
+    """(6, p) changes of θ̂ in fits without one balance of a walking robot's base, of mask (n,).
+
+    The balances are more than the unknowns need. If the feet, the legs' lengths or the IMU are not
+    as assumed, each asks for other values, by as much as these may be wrong.
+    """
+    problem = fitted.problem
+    left_out = np.eye(len(base), dtype=bool)[base]
+    others = [replace(problem, usable=problem.usable & ~one) for one in left_out]
+    changes = [_change(problem, fitted.fit, each, fitted.share, rival=True) for each in others]
+    return np.array(changes)
 
 
 def _identification(

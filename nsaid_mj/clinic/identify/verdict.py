@@ -19,8 +19,9 @@ from .result import JointStructure
 CONTRADICTED = "contradicted"
 """Code of findings that a log contradicts what the user told."""
 _CONFIRM = "Confirm it on a log of another motion: --validate."
-_GOOD = 0.2  # held-out NRMSE
-_FAIR = 0.5
+GOOD = 0.2
+"""Held-out NRMSE up to which a structure explains a motion."""
+_FAIR = 0.5  # above which it does not
 _NOISE = 1.5  # error over that of the command's own noise, which no structure can predict
 _OF_MOTOR = 0.3  # error over a motor's largest force, above which it explains nothing of use
 
@@ -114,7 +115,7 @@ def _of_predictions(joints: Sequence[JointStructure], arm: bool) -> tuple[Explai
     of = "joints" if arm else "velocities"
     joints = [j for j in joints if np.isfinite(j.held_out)]
     # errors small only beside commands of other parts of the log show nothing
-    joints = [j for j in joints if not j.held_out < _GOOD <= j.alone] or joints
+    joints = [j for j in joints if not j.held_out < GOOD <= j.alone] or joints
     if not joints:
         return "no", "No part of the log could be predicted from the others: it is too short."
     held_out = np.array([j.held_out for j in joints])
@@ -132,7 +133,7 @@ def _of_predictions(joints: Sequence[JointStructure], arm: bool) -> tuple[Explai
     noisy = [
         j.name
         for j, x in zip(joints, values, strict=True)
-        if _GOOD < x <= min(_NOISE * j.noise, _FAIR)
+        if GOOD < x <= min(_NOISE * j.noise, _FAIR)
     ]
     if noisy:
         figures += f"; of {', '.join(noisy)} that is the noise of the command itself"
@@ -158,7 +159,7 @@ def _judged(joint: JointStructure) -> JudgedPart:
     checked = np.nan if joint.validation is None else joint.validation
     error = float(np.fmax(joint.held_out, checked))
     motor = _OF_MOTOR * joint.limit / joint.force if joint.force > 0 else np.inf
-    good = min(max(_GOOD, _NOISE * joint.noise), motor, _FAIR)
+    good = min(max(GOOD, _NOISE * joint.noise), motor, _FAIR)
     return JudgedPart(joint.name, error, good, _FAIR)
 
 

@@ -178,6 +178,23 @@ def test_a_joint_that_is_not_explained_has_its_own_parameters_doubted():
     np.testing.assert_array_equal(own, [0, 1, 0, 1, 0, 0, 1])
 
 
+@pytest.mark.parametrize(("held_out", "changes", "warned"), [(0.1, 0, 0), (0.3, 1, 0), (0.6, 1, 1)])
+def test_a_balance_of_the_base_that_is_not_explained_is_left_out(held_out, changes, warned):
+    problem = problem_of(noise=0.1)
+    fit, share = minimise(problem), np.ones(2)
+    exact = exactly(theta=fit.theta, structure=np.zeros((0, 7)))
+    fitted: Any = SimpleNamespace(problem=problem, fit=fit, share=share, exact=exact)
+    errors = {"base roll rate": held_out, "knee": 0.1}
+    joints = [JointStructure(n, e, e, e, None, None, (), 0.05, 0.0) for n, e in errors.items()]
+    found, wider = calibrate._judged(fitted, [], joints, arm=False)
+    assert [f.where for f in found] == ["base roll rate"] * warned
+    assert wider.structure.shape == (changes, 7)
+    for change in wider.structure:
+        expected = problem.prior[4] - fit.theta[4]  # which only that balance tells
+        assert change[4] == pytest.approx(expected, rel=1e-3)
+        np.testing.assert_allclose(change[[1, 3, 6]], 0, atol=1e-3)
+
+
 def test_a_structure_as_good_counts_with_its_whole_change_and_a_worse_one_with_less():
     problem = problem_of(noise=0.1)
     fit, share = minimise(problem), np.ones(2)
