@@ -15,8 +15,10 @@ from .simulation import NONE, Effects, JointLog, differentiated, simulate
 DAMPING, FRICTION, GRAVITY, ARMATURE, DELAY = range(5)
 """Places of T, f, g, a and d in θ."""
 _ROUNDS = 60  # of the fit
-_ENOUGH = 0.05  # predicted decrease of the cost at which the fit ends: .2 deviations
-_LEAST = 1e-3  # damping: friction that holds or slips makes the cost uneven
+_ENOUGH = 0.005  # predicted decrease of the cost at which the fit ends: .07 deviations
+# damping: T, a and d of an overdamped servo in slow motion trade along a curved valley, whose slope
+# is below a thousandth of that of each alone
+_LEAST = 1e-6
 _SAME = 0.04  # change of ln θ at which the scale of the loss is that of the fit
 _LONGEST = 1.0  # step of ln θ
 EFFECTIVE = 1.5  # independent samples per second, since residuals of a simulation are correlated
@@ -374,7 +376,9 @@ def _spread(fit: OutputError, cluster: Indices, zero: Array) -> Spread:
     rest[np.ix_(free, free)] += A @ P @ A + _NUMERICAL**2 * np.eye(len(free))
     steps = zero / _TICKS / np.sqrt(12)  # rms of an encoder's error, or less
     unexplained = 1 - np.minimum(steps / (fit.sigma * fit.of.unit), 1.0) ** 2
-    least = _DISPERSED * float(unexplained.mean())
+    # blocks of a residual that is the encoder's steps agree better than `EFFECTIVE` samples do, but
+    # the simulation is not exact to that
+    least = max(_DISPERSED * float(unexplained.mean()), 1.0)
     return Spread(free, A, information, scores, rest, moved, size, size**2 * left, without, least)
 
 

@@ -126,6 +126,10 @@ def parameters(k: int, joint: JointEstimate, scale: MassScale | None) -> tuple[P
         halves[:] = _WIDEST
     lag, apart = lag_of(joint)
     longest = lag + apart
+    rotor_half = float(halves[ARMATURE])
+    # the lag of the rotor below a linear lower end, which a longer delay and less damping replace
+    lost = max(1 - rotor_half, 0.0) - _least_rotor(rotor_half)
+    traded = float(joint.theta[ARMATURE] / joint.theta[DAMPING]) * lost
     for (short, label, units), x, half in zip(_LABELS, values, halves.tolist(), strict=True):
         status: Status = "identified" if half < _FIRM else "only in combination"
         combination = "" if half < _FIRM or short in {"f", "kp"} else _lag(joint)
@@ -135,14 +139,29 @@ def parameters(k: int, joint: JointEstimate, scale: MassScale | None) -> tuple[P
         value, low, high = (float(v) for v in np.exp([x, x - half, x + half]))
         if short != "kp":
             low = value * max(1 - half, 0.0)  # the motion is linear in all but kp
+        if short in {"a", "armature"}:
+            low = value * _least_rotor(half)
         if half >= _WIDEST:
             low = 0.0
             high = np.inf
+        if short == "T":
+            low = max(low - traded, 0.0)
+        if short == "d":
+            high += traded
         if short in {"T", "d"} and not doubt:
             high = min(high, longest)  # neither of the two is negative
         about = f"{short}_{k}", f"{label} of {joint.name}", "servo", units[joint.slides]
         found.append(Parameter(*about, value, low, high, np.nan, status, combination))
     return tuple(found)
+
+
+def _least_rotor(half: float) -> float:
+    """Lower end of an armature's interval over its value, by the half-width of its logarithm.
+
+    The rotor of an overdamped servo is a lag a/T. A delay of that length, at the same T + d,
+    differs from it by the square of the lag alone, so the lower end is linear in that square.
+    """
+    return float(np.sqrt(max(1 - 2 * half, 0.0)))
 
 
 def lag_of(joint: JointEstimate) -> tuple[float, float]:

@@ -87,7 +87,7 @@ def test_few_clusters_borrow_from_the_arm_s_other_numbers():
         of.moved = lambda x, zero: np.zeros((200, 4))
         prior = ServoPrior(np.zeros(1), np.full(1, 1e6))
         residual = level[cluster]
-        fits.append(OutputError(of, prior, np.zeros(1), residual, np.ones((200, 1)), 1e3))
+        fits.append(OutputError(of, prior, np.zeros(1), residual, np.ones((200, 1)), 10.0))
     found = spreads(fits, cluster, [np.ones(1)] * 4)
     (first,), (second,) = (np.sqrt(np.diag(one.between)) for one in found[:2])
     own = np.sqrt(0.3**2 * clusters / (clusters - 1) / clusters)

@@ -79,6 +79,16 @@ def test_damping_armature_and_delay_are_a_lag_where_the_motion_is_slow(name, at)
     assert {p.status for p in others} == {"identified"} and not any(p.combination for p in others)
 
 
+def test_a_rotor_that_may_be_nothing_may_be_delay():
+    deviations = np.full(5, 0.05)
+    deviations[3] = 0.3  # its square is not told from 0
+    one = joint(deviations)
+    T_, _, _, a, delay, _ = parameters(1, one, None)
+    sure, _, _, _, plain, _ = parameters(1, joint(np.full(5, 0.05)), None)
+    assert a.low == 0.0
+    assert delay.high > plain.high and T_.low < sure.low
+
+
 def test_the_lag_is_as_sure_as_the_sum_of_its_parts():
     one = joint()
     T_, d = THETA[0], THETA[4]
