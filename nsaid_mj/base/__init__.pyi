@@ -147,9 +147,6 @@ from .inputs import reading as reading
 # A command's options with the home directory in place of every leading `~`.
 from .inputs import with_homes as with_homes
 
-# The package coal, imported on first use; its absence is a `MissingPackage`.
-from .optional import coal as coal
-
 # Whether a package can be imported.
 from .optional import installed as installed
 

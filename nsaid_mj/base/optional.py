@@ -1,7 +1,7 @@
 """Packages that an extra installs, imported on first use.
 
 A vehicle needs no Pinocchio, and a computer without a screen no Rerun: each is an extra of
-`pip install nsaid-mj`. Modules import `pin` and `coal` from here.
+`pip install nsaid-mj`. Modules import `pin` from here.
 """
 
 from importlib import import_module
@@ -48,8 +48,6 @@ class _Lazy:
 
 
 if TYPE_CHECKING:
-    import coal
     import pinocchio as pin
 else:
     pin = _Lazy("pinocchio")
-    coal = _Lazy("coal")

@@ -31,9 +31,6 @@ from .control.tracking import Given as Given
 # Median figures of estimates that attain the bound, with its covariance (p, p).
 from .evaluation.bound import bound_figures as bound_figures
 
-# (p, p) smallest covariance of θ̂/scale that an estimate from a log and the prior can have.
-from .evaluation.bound import cramer_rao as cramer_rao
-
 # half width of a 95 % interval of the normal distribution [standard deviations]
 from .evaluation.confidence import INTERVAL as INTERVAL
 

@@ -120,9 +120,6 @@ from .parameters import table as table
 # The robot at positions q (m,) as a figure of a page; None without meshes, or finite q.
 from .picture import robot_picture as robot_picture
 
-# Largest number of categories in a panel of ordinary width.
-from .plots import COLUMNS as COLUMNS
-
 # Width of a curve in a plot.
 from .plots import CURVE as CURVE
 
@@ -146,9 +143,6 @@ from .plots import png_of as png_of
 
 # Layout of a finished run, of the curves in its recording.
 from .recording.layout import blueprint as blueprint
-
-# Title of the robot's view: what is drawn, and which arrows are magnified.
-from .recording.layout import drawing_words as drawing_words
 
 # Layout of a running run, without anything that needs the truth.
 from .recording.layout import live_blueprint as live_blueprint
@@ -189,12 +183,6 @@ from .recording.text import application as application
 # Replaces symbols and characters that the viewer's font lacks.
 from .recording.text import drawable as drawable
 
-# Marks of verdicts.
-from .result import EXPLAINS as EXPLAINS
-
-# Marks of parameters' statuses, best first.
-from .result import STATUSES as STATUSES
-
 # Whether the structure explains the motion: yes, partly, no.
 from .result import Explains as Explains
 
@@ -212,9 +200,6 @@ from .result import Statistic as Statistic
 
 # A parameter's identifiability, in words.
 from .result import Status as Status
-
-# A mark for each status that occurs, with the number of parameters that have it.
-from .result import counts as counts
 
 # A pair of axes, and what is drawn in it, from the back to the front.
 from .svg import Axes as Axes

@@ -9,7 +9,7 @@ import numpy as np
 from ..core import ABSENT, Array, number
 from .page import Cell, Fold, Link, Table
 from .panels import Forest, HeatMap, Points
-from .result import STATUSES, Parameter, Result, counts
+from .result import Mark, Parameter, Result
 from .wording import estimate
 
 _OPEN = 12  # parameters in total, up to which no table is collapsed
@@ -56,7 +56,7 @@ def _cells(p: Parameter, combination: int) -> dict[str, Cell]:
     """The cells of a parameter's line, by column; `combination` is its number, 0 for none."""
     value, interval = estimate(p.value, p.low, p.high)
     half = (p.high - p.low) / 2
-    status = STATUSES[p.status]
+    status = Mark.of(p.status)
     numbered = Link(f"C{combination}", f"combination-{combination}")
     link = numbered if combination else Link(p.combination)
     return {
@@ -81,7 +81,7 @@ def folds(
         Fold(
             members[0].part if name in result.bodies else _kind(name, members),
             [table(members, numbers)],
-            counts(members),
+            Parameter.counted(members),
             str(len(members)),
             few or members[0].is_gain,
         )

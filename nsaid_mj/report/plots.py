@@ -35,9 +35,6 @@ CURVE = "curve:"
 NAMES = "names"
 """Prefix of the gid of a curve's artists, before its name; gid of an axis of names."""
 
-COLUMNS = 8
-"""Largest number of categories in a panel of ordinary width."""
-
 WIDTH = 4.3  # of a panel on a page, and of a wide one [inch]
 WIDE = 6.2
 _HEIGHT = 2.6

@@ -1,5 +1,7 @@
 """The `Result` that every command reports at its end; `run_result` has that of a run."""
 
+from __future__ import annotations
+
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -26,8 +28,13 @@ class Mark(NamedTuple):
     kind: str
     text: str = ""
 
+    @staticmethod
+    def of(word: Status | Explains) -> Mark:
+        """The mark of a status, or of whether the structure explains the motion."""
+        return _STATUSES.get(word) or _EXPLAINS[word]
 
-STATUSES: dict[str, Mark] = {
+
+_STATUSES: dict[str, Mark] = {
     status: Mark(glyph, kind, status)
     for status, glyph, kind in (
         ("identified", "●", "good"),
@@ -40,7 +47,7 @@ STATUSES: dict[str, Mark] = {
 }
 """Marks of parameters' statuses, best first."""
 
-EXPLAINS: dict[Explains, Mark] = {
+_EXPLAINS: dict[str, Mark] = {
     "yes": Mark("✔", "good"),
     "partly": Mark("◐", "fair"),
     "no": Mark("✘", "poor"),
@@ -161,15 +168,15 @@ class Parameter:
         """Its fields for JSON, without a truth that is unknown."""
         return {k: v for k, v in asdict(self).items() if k != "true" or v is not None}
 
-
-def counts(parameters: Iterable[Parameter]) -> list[Mark]:
-    """A mark for each status that occurs, with the number of parameters that have it."""
-    found = Counter(p.status for p in parameters)
-    return [
-        mark._replace(text=f"{found[status]} {status}")
-        for status, mark in STATUSES.items()
-        if status and found[status]
-    ]
+    @staticmethod
+    def counted(parameters: Iterable[Parameter]) -> list[Mark]:
+        """A mark for each status that occurs, with the number of parameters that have it."""
+        found = Counter(p.status for p in parameters)
+        return [
+            mark._replace(text=f"{found[status]} {status}")
+            for status, mark in _STATUSES.items()
+            if status and found[status]
+        ]
 
 
 class Statistic(NamedTuple):
@@ -215,7 +222,7 @@ class Result:
     @property
     def mark(self) -> Mark | None:
         """The verdict with its mark; None if there is none."""
-        return EXPLAINS[self.explains]._replace(text=self.verdict) if self.explains else None
+        return Mark.of(self.explains)._replace(text=self.verdict) if self.explains else None
 
     def of(self, block: str) -> list[Parameter]:
         """The parameters of a kind, such as "motor gain"."""

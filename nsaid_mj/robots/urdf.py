@@ -16,7 +16,7 @@ from lxml import etree
 from lxml.etree import SubElement
 from lxml.etree import _Element as Element
 
-from ..base import Finding, InvalidInput, coal, pin
+from ..base import Finding, InvalidInput, pin, require
 from ..core import Array, JointTree
 from .errors import BadRobot
 from .inertias import check_inertias, make_physical
@@ -121,6 +121,7 @@ def _shapes(
     """The meshes of a URDF with joints locked at q (nq,); none if a mesh file is broken."""
     if root.find("link/visual/geometry/mesh") is None:
         return ()
+    coal = require("coal", "arms", "A robot with joints")
     boxes = coal.MeshLoader(coal.NODE_TYPE.BV_OBB)  # the fastest type that shows its triangles
     visual = pin.GeometryType.VISUAL
     try:

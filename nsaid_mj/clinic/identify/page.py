@@ -11,7 +11,6 @@ from ... import __version__
 from ...core import number
 from ...report import (
     CORRELATIONS,
-    STATUSES,
     AnyPanel,
     Badges,
     Cell,
@@ -27,7 +26,6 @@ from ...report import (
     Text,
     correlations,
     count,
-    counts,
     estimate,
     folds,
     forests,
@@ -185,7 +183,7 @@ def _sections(result: Identification, draw: Draw) -> list[Section]:
         Section(
             "All other parameters" if gains else "All parameters",
             [
-                Badges(counts(p for p in result.parameters if not p.is_gain)),
+                Badges(Parameter.counted(p for p in result.parameters if not p.is_gain)),
                 *folds(result, numbers, gains=False),
                 Text(_FRAMES, note=True),
             ],
@@ -305,7 +303,7 @@ def _unknown(result: Identification) -> list[PageItem]:
     """Parameters that the log does not determine."""
     found: list[PageItem] = []
     for status, names in wording.unknown_in_words(result):
-        found += [Badges([STATUSES[status]]), Text(f"{_SILENT[status].capitalize()}: {names}.")]
+        found += [Badges([Mark.of(status)]), Text(f"{_SILENT[status].capitalize()}: {names}.")]
     return found
 
 

@@ -3,7 +3,7 @@
 import math
 
 from ...core import ABSENT, number
-from ...report import EXPLAINS, Mark, estimate, statistic
+from ...report import Mark, Status, estimate, statistic
 from .result import AlongLog, Identification, JointStructure
 
 UNKNOWN = math.log(30.0)
@@ -23,7 +23,7 @@ def quality(held_out: float, alone: float = math.nan) -> Mark:
     """
     if not math.isfinite(held_out) or held_out < 0.2 <= alone:
         return Mark("", "weak", nrmse(held_out if math.isfinite(held_out) else None))
-    mark = EXPLAINS["yes" if held_out < 0.2 else "partly" if held_out < 0.5 else "no"]
+    mark = Mark.of("yes" if held_out < 0.2 else "partly" if held_out < 0.5 else "no")
     return mark._replace(text=nrmse(held_out))
 
 
@@ -78,9 +78,9 @@ def logs_in_words(result: Identification) -> str:
     return f"{duration:.4g} s of log in {parts} of {named} at {result.recordings.rate:.4g} Hz"
 
 
-def unknown_in_words(result: Identification) -> list[tuple[str, str]]:
+def unknown_in_words(result: Identification) -> list[tuple[Status, str]]:
     """(status, names by part) of the parameters that the log does not determine."""
-    found = []
+    found: list[tuple[Status, str]] = []
     for status in ("not excited", "below the noise"):
         parts: dict[str, list[str]] = {}
         for parameter in result.parameters:

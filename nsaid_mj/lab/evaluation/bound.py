@@ -51,8 +51,11 @@ def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
     return root.T @ root
 
 
-def bound_figures(truth: Truth, judge: Judge, covariance: Array) -> dict[str, float | None]:
-    """Median figures of estimates that attain the bound, with its covariance (p, p)."""
+def bound_figures(
+    truth: Truth, judge: Judge, log: Log, levels: SensorLevels
+) -> dict[str, float | None]:
+    """Median figures of estimates that attain the bound of a log; raises as `cramer_rao` does."""
+    covariance = cramer_rao(truth, log, levels)
     basis = truth.nullspace.P_perp
     scale = truth.system.space.scale
     values, vectors = scipy.linalg.eigh(basis.T @ covariance @ basis)

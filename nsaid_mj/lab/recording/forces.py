@@ -1,6 +1,6 @@
 """Actuator forces of a vehicle, drawn as arrows at their points of application."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import rerun as rr
@@ -18,6 +18,12 @@ _STEEP = 0.5  # cosine of the angle to the inward normal within which a force po
 _MUCH = 5.0  # ratio of force magnitudes from which the smaller force's arrow is magnified
 _LENGTH = 0.8  # of the longest arrow, over half the vehicle's size
 _RADIUS = 0.035
+
+
+def drawing_words(drawn: str, magnified: Mapping[str, float] | None = None) -> str:
+    """Title of the robot's view: what is drawn, and which arrows are magnified."""
+    longer = [f"{kind} magnified {times:g} ×" for kind, times in (magnified or {}).items()]
+    return drawable("; ".join([drawn or "Robot, simulated by MuJoCo", *longer]))
 
 
 def mounts_of(system: SecondOrderSystem) -> dict[tuple[float, ...], list[int]]:

@@ -16,13 +16,12 @@ from ...report import (
     Plots,
     Scene,
     application,
-    drawing_words,
     groups,
     live_blueprint,
 )
 from ..observer import Observer, RobotDescription
 from ..scenario import Scenario
-from .forces import ESTIMATED, Arrows, mounts_of
+from .forces import ESTIMATED, Arrows, drawing_words, mounts_of
 from .viewer import (
     GRPC_PORT,
     LOCAL,

@@ -13,7 +13,6 @@ from ...report import (
     Scene,
     blueprint,
     drawable,
-    drawing_words,
     item_lines,
     spread,
 )
@@ -27,7 +26,7 @@ from ..evaluation.verify import Verification
 from ..loop import Run
 from ..record import Record
 from .contacts import ContactArrows
-from .forces import FAILED, Arrows, mounts_of
+from .forces import FAILED, Arrows, drawing_words, mounts_of
 from .inertia import ESTIMATED_INERTIA, REFERENCE, Inertias
 from .torques import Arcs
 from .torques import drawn as torques_drawn

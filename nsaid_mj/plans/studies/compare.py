@@ -30,7 +30,6 @@ from ...lab import (
     Setup,
     Truth,
     bound_figures,
-    cramer_rao,
     sysid,
 )
 from ...report import Page, Result
@@ -201,11 +200,11 @@ class ComparedPlant:
     def _bound(self, duration: float, log: Log) -> Row:
         """The figures of estimates that attain the Cramér–Rao bound."""
         truth = Truth(self._setup, duration)
+        judge = self._judge(duration)
         try:
-            covariance = cramer_rao(truth, log, self._setup.scenario.noise.levels)
+            figures = bound_figures(truth, judge, log, self._setup.scenario.noise.levels)
         except NsaidError as error:
             return row_of(BOUND, *self._key, duration, failure=str(error))
-        figures = bound_figures(truth, self._judge(duration), covariance)
         return row_of(BOUND, *self._key, duration) | figures
 
     def _judge(self, duration: float) -> Judge:

@@ -12,7 +12,6 @@ import numpy as np
 from ...report import (
     BAD,
     COLOURS,
-    COLUMNS,
     Page,
     Section,
     Text,
@@ -30,6 +29,7 @@ from .study import repeated
 from .study_page import study_page
 from .sweep import SPREADS, lead_of, sweep_result, table_of
 
+_COLUMNS = 8  # largest number of categories in a panel of ordinary width
 _DOTS = 400  # largest number of dots per group of runs
 _EARLY = (COLOURS[1], COLOURS[5], COLOURS[9], COLOURS[8], COLOURS[2])
 _NONE = "no result"
@@ -61,7 +61,7 @@ def sweep_page(runs: Runs, lines: Sequence[Mapping[str, Draw]] = ()) -> Page:
     thinned = any(len(group.results) > _DOTS for field in fields for group in runs.by(field))
     drawn = []
     for field, line in zip(fields or [""], lines, strict=bool(lines)):
-        wide = len(manifest["vary"].get(field, "")) > COLUMNS or sum(map(len, lines)) == 1
+        wide = len(manifest["vary"].get(field, "")) > _COLUMNS or sum(map(len, lines)) == 1
         for title, draw in line.items():
             over = f"{title}, by {field}" if field else title
             drawn.append(page_figure(over, draw, wide))

@@ -1,6 +1,6 @@
 """Layout of the viewer: tabs of plots, the first of which is an overview of the run."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import rerun as rr
@@ -11,7 +11,6 @@ from ..labels import ParameterGroup, groups
 from .lines import PALETTE, path
 from .plots import Plots
 from .scene import MARK, PATH, ROBOT, TRAIL, Camera
-from .text import drawable
 
 _LINKS_ON_A_PAGE = 3
 _MARK = (255, 255, 255)
@@ -155,12 +154,6 @@ def way(camera: Camera) -> rrb.Spatial3DView:
         },
         [f"/{TRAIL}", f"/{MARK}"],
     )
-
-
-def drawing_words(drawn: str, magnified: Mapping[str, float] | None = None) -> str:
-    """Title of the robot's view: what is drawn, and which arrows are magnified."""
-    longer = [f"{kind} magnified {times:g} ×" for kind, times in (magnified or {}).items()]
-    return drawable("; ".join([drawn or "Robot, simulated by MuJoCo", *longer]))
 
 
 def _space(

@@ -19,7 +19,7 @@ from nsaid_mj.clinic.identify.page import identification_page
 from nsaid_mj.clinic.identify.result import Identification
 from nsaid_mj.report.drawings import extremes
 from nsaid_mj.report.page import render_html
-from nsaid_mj.report.result import EXPLAINS, Explains
+from nsaid_mj.report.result import Explains, Mark
 from nsaid_mj.report.terminal import print_page
 from nsaid_mj.report.wording import estimate
 from tests.report.pages.markup import Page, unscripted
@@ -84,7 +84,7 @@ def test_the_verdict_stands_before_any_figure_and_findings_follow_it(text: str) 
 def test_the_verdict_has_colour_and_glyph(explains: Explains, kind: str) -> None:
     text = page(identification(("only",), explains=explains))
     assert f'class="banner verdict {kind}"' in text
-    assert EXPLAINS[explains].glyph in text
+    assert Mark.of(explains).glyph in text
 
 
 def test_a_combination_is_linked_from_its_parameters(text: str) -> None:
