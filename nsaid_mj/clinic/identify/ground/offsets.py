@@ -204,7 +204,11 @@ def estimated(
     left = np.array([kind.left for kind in kinds])
     if rows.ground.answer is not None:
         left[[entry.kind == "place" for entry in entries]] = _HELD
-    remaining = _covariance(entries, left, _UNSEEN)
+    feet = value[[entry.kind == "foot" for entry in entries]].reshape(-1, 3)
+    off = np.linalg.norm(feet[(np.abs(feet) > _TOLD).any(axis=1)], axis=1)
+    # a foot that is far off hints at legs of other lengths, which feet together do not tell
+    together = max(_UNSEEN, float(off.max(initial=0.0)))
+    remaining = _covariance(entries, left, together)
     remaining += np.diag(deviation**2)
     changes = -(followed @ np.linalg.cholesky(remaining)).T
     return Offsets(entries, value, np.sqrt(np.diag(remaining)), changes)
