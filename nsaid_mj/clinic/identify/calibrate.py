@@ -26,7 +26,7 @@ from .identifiability import (
 )
 from .joints import TRUSTED, nearest_friction
 from .links import check_loads
-from .problem import FitProblem, folds, least_squares
+from .problem import FitProblem, Mask, folds, least_squares
 from .residuals import Followed, doubts, followed, widened
 from .result import (
     BatchFit,
@@ -174,7 +174,7 @@ def _judged(
     return [*found, *unexplained], exact
 
 
-def _without_each(fitted: BatchFit, base: Array) -> Array:
+def _without_each(fitted: BatchFit, base: Mask) -> Array:
     """(6, p) changes of θ̂ in fits without one balance of a walking robot's base, of mask (n,).
 
     The balances are more than the unknowns need. If the feet, the legs' lengths or the IMU are not
