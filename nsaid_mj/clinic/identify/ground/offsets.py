@@ -130,7 +130,8 @@ class Offsets(NamedTuple):
 
     entries: list[Entry]
     value: Array  # (a,) those that are certain and large, else 0
-    left: Array  # (a,) standard deviations of what remains of them
+    # (a,) standard deviations of what remains of them, apart from legs of other lengths
+    left: Array
     changes: Array  # (a, p) of θ̂ by what remains of them, one standard deviation each
 
     @property
@@ -206,12 +207,13 @@ def estimated(
         left[[entry.kind == "place" for entry in entries]] = _HELD
     feet = value[[entry.kind == "foot" for entry in entries]].reshape(-1, 3)
     off = np.linalg.norm(feet[(np.abs(feet) > _TOLD).any(axis=1)], axis=1)
-    # a foot that is far off hints at legs of other lengths, which feet together do not tell
-    together = max(_UNSEEN, float(off.max(initial=0.0)))
-    remaining = _covariance(entries, left, together)
-    remaining += np.diag(deviation**2)
+    # feet that are far off hint at legs of other lengths, which feet together do not tell
+    together = max(_UNSEEN, float(np.median(off))) if len(off) else _UNSEEN
+    noise = np.diag(deviation**2)
+    own = _covariance(entries, left, _UNSEEN) + noise
+    remaining = _covariance(entries, left, together) + noise
     changes = -(followed @ np.linalg.cholesky(remaining)).T
-    return Offsets(entries, value, np.sqrt(np.diag(remaining)), changes)
+    return Offsets(entries, value, np.sqrt(np.diag(own)), changes)
 
 
 def at_rest(rows: GroundRows) -> tuple[Array, float]:
