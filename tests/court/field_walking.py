@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -175,7 +176,7 @@ def draw(seed: int, folder: Path, kind: str) -> Drawn:
     if name == "layout":
         fits = [key for key in LAYOUTS if robot.startswith("go") or key not in _UNITREE]
         layout = str(rng.choice(fits))
-        make = LAYOUTS[layout]
+        make = partial(LAYOUTS[layout], feet=None)  # without sensors in the feet
         if layout in _NUMBERED:
             codes = ("joint_order",)
     log = write_table(folder / "log.csv", make(change(walk, rng)))
