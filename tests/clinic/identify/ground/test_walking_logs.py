@@ -151,6 +151,19 @@ def test_an_unknown_foot_is_named(rows: GroundRows) -> None:
         feet_of(rows.robot, ContactMap(feet=("left_fot",)))
 
 
+def test_of_a_foot_that_is_a_site_the_sphere_beside_it_touches(tmp_path: Path) -> None:
+    text = model_text()
+    for leg in ("left", "right", "hind"):
+        ball = f'<geom name="{leg}_foot"'
+        site = f'<site name="{leg}_foot" pos="0.03 0 -0.1"/>'
+        text = text.replace(ball, f'{site}<geom name="{leg}_ball"')
+    (tmp_path / "sites.xml").write_text(text)
+    feet = feet_of(floating(load_robot_model(str(tmp_path / "sites.xml"))), ContactMap())[0]
+    assert [foot.radius for foot in feet] == [0.02] * 3
+    for foot in feet:
+        np.testing.assert_allclose(foot.centre, [0, 0, -0.2], atol=1e-9)
+
+
 def test_the_imu_is_recognised_and_touch_downs_are_no_outliers(rows: GroundRows) -> None:
     recordings = rows.recordings
     assert recordings.imu is not None and recordings.imu.accelerometer is not None
