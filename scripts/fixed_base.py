@@ -1,4 +1,4 @@
-"""The same walking logs identified as what they are, and as logs of a robot on a fixed base.
+"""Walking logs identified as what they are, and as logs of a robot on a fixed base.
 
     python -m scripts.fixed_base [--seeds 80:81] [--robots go2 solo12 anymal_c] [--seconds 20]
 

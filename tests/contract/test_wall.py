@@ -40,7 +40,7 @@ class ReachedError(Exception):
 
 
 def poison(plant: Plant) -> Plant:
-    """The same plant, whose true numbers nobody can read any more but MuJoCo."""
+    """A plant whose true numbers nobody but MuJoCo can read any more."""
 
     class Poisoned(type(plant)):
         @property

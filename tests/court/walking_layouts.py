@@ -141,7 +141,7 @@ def _arrays(walk: Walked, feet: Array | None) -> Table:
 
 
 def _gravity(walk: Walked, feet: Array | None) -> Table:
-    """The same without a quaternion: what a policy sees."""
+    """A log without a quaternion: what a policy sees, gravity in the base's axes instead."""
     found = _arrays(walk, feet)
     return {name: column for name, column in found.items() if "quat" not in name}
 

@@ -67,7 +67,7 @@ class ServoArm:
         return np.asarray(np.linalg.solve(M, torque - turning - weight), dtype=np.float64)
 
     def structure(self) -> Structure:
-        """The same arm as a structure: θ = [links (10 k), rotors, damping, friction, kp]."""
+        """The arm as a structure: θ = [links (10 k), rotors, damping, friction, kp]."""
         k = len(self.mass)
         axis = (0.0, -1.0, 0.0)  # x along the link, z up at q = 0: turning lifts
         bodies = [

@@ -80,7 +80,7 @@ class OutputError(NamedTuple, Generic[_Of]):
     sigma: float  # robust rms of the residual [rad or m]; the loss is quadratic up to twice that
 
     def at(self, x: Array) -> OutputError[_Of]:
-        """The same simulations at other parameters."""
+        """Simulations of these logs at other parameters than the fitted ones."""
         residual, jacobian = self.of.linear(x, self.prior.free)
         return self._replace(x=x, residual=residual, jacobian=jacobian)
 

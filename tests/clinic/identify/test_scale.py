@@ -100,7 +100,7 @@ def test_rows_that_tell_of_shape_alone_do_not_move_the_scale(rows):
 
 
 def in_limbs(number: int) -> FitProblem:
-    """The same as one limb, or as if only the base connected both links."""
+    """A problem of two links as one limb, or as if only the base connected them."""
     problem = problem_of(60)
     assert problem.size is not None
     if number == 1:

@@ -267,6 +267,7 @@ def _rival_problems(
         yield other.problem(found.choice)
     for finding in rows.recordings.findings:
         if finding.code == UNCHECKED and finding.level == "warning":
+            # data of findings may be anything; these are numbers, see `command_causes`
             ends = [float(finding.data[end]) for end in ("low", "high")]  # type: ignore[arg-type]
             # the range is one of 95 %, its root one of a standard deviation
             factor = float(np.sqrt(max(1 / ends[0], ends[1])))
@@ -615,7 +616,9 @@ def causal(rows: JointRows, choice: Choice, delays: Delays) -> tuple[Choice, lis
     found = []
     driven = rows.recordings.driven(rows.robot)  # others have no command
     names = [rows.robot.joints[j] for j in driven]
-    low, high, delay = low[driven], high[driven], delay[driven]
+    low = low[driven]
+    high = high[driven]
+    delay = delay[driven]
     early = delay < 0
     data = dict(zip(names, delay.tolist(), strict=True))
     ends = f"95 %: {_ms(low[0], 2)} to {_ms(high[0], 2)} ms"
