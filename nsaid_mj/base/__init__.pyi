@@ -32,17 +32,11 @@ from .bounds import Tones as Tones
 # Decorator: a frozen dataclass whose fields are checked against their annotations.
 from .bounds import config as config
 
-# A value for display in a message, shortened if its text is long or cannot be formed.
-from .bounds import shown as shown
-
 # A copy of JSON-like data in which NaN and infinities are None, for strict JSON.
 from .bounds import without_nonfinite as without_nonfinite
 
 # Words by what they choose.
 from .choices import CHOICES as CHOICES
-
-# Raises `UnknownName`, which lists the choices, unless the word is among those of a kind.
-from .choices import check_choice as check_choice
 
 # The comma-separated numbers of a flag's text; raises `InvalidInput` if it has others.
 from .choices import numbers_in as numbers_in
@@ -64,9 +58,6 @@ from .errors import InvalidInput as InvalidInput
 
 # A method found no estimate on a log.
 from .errors import NoEstimate as NoEstimate
-
-# A search has found nothing that meets its conditions.
-from .errors import NothingFound as NothingFound
 
 # A file that cannot be written: the disk is full, or its folder is gone or read-only.
 from .errors import NotWritten as NotWritten
@@ -121,10 +112,6 @@ from .files import writing as writing
 
 # A finding about the input, for the user.
 from .findings import Finding as Finding
-
-# `note`: the data were changed. `warning`: the result may suffer. `refusal`: no result from this
-# input could be trusted.
-from .findings import Level as Level
 
 # Checks a file of the user's before a library opens it (regular, bounded); it counts as read.
 from .inputs import check_input as check_input

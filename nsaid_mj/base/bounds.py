@@ -123,7 +123,7 @@ class Config:
             defaults = {f.name: f.default for f in fields(cls)}
             default = defaults.get(str(where[0])) if where else None
             remedy = f"The default is {default}." if _plain(default) else _HELP
-        return InvalidInput(dotted or cls.__name__, expected, shown(first["input"]), remedy)
+        return InvalidInput(dotted or cls.__name__, expected, first["input"], remedy)
 
     @model_validator(mode="wrap")
     @classmethod
@@ -192,17 +192,6 @@ def _adapter(cls: type) -> TypeAdapter[Any]:
 
 def _plain(value: object) -> bool:
     return value is None or isinstance(value, int | float | str | tuple)
-
-
-def shown(value: object) -> object:
-    """A value for display in a message, shortened if its text is long or cannot be formed."""
-    try:
-        text = str(value)
-    except ValueError:  # Python writes no integer of more than 4300 digits
-        return "a whole number of thousands of digits"
-    except RecursionError:
-        return "thousands of values inside each other"
-    return value if len(text) <= 80 else f"{text[:77]}…"
 
 
 def without_nonfinite(value: Any) -> Any:

@@ -28,22 +28,38 @@ class NsaidError(Exception):
     """Root of all errors raised on purpose by nsaid_mj."""
 
 
+_LONG = 80
+_LONG_TEXT = 400
+
+
+def _short(value: object) -> object:
+    """A value for a message, shortened if its text is long or cannot be formed."""
+    try:
+        text = str(value)
+    except ValueError:  # Python writes no integer of more than 4300 digits
+        return "a whole number of thousands of digits"
+    except RecursionError:
+        return "thousands of values inside each other"
+    most = _LONG_TEXT if isinstance(value, str) else _LONG
+    return value if len(text) <= most else f"{text[: most - 3]}…"
+
+
 class InvalidInput(NsaidError, ValueError):
     """A value that cannot be used.
 
     Attributes:
         name: name of the value, as the caller knows it.
         expected: what would have been accepted.
-        got: the value, or what is wrong with it.
+        got: the value, or what is wrong with it; shortened where its text is long.
         remedy: what to do about it.
     """
 
     def __init__(self, name: str, expected: str, got: object, remedy: str):
         self.name = name
         self.expected = expected
-        self.got = got
+        self.got = _short(got)
         self.remedy = remedy
-        super().__init__(f"{name}: expected {expected}, got {got}. {remedy}")
+        super().__init__(f"{name}: expected {expected}, got {self.got}. {remedy}")
 
 
 class UnknownName(NsaidError, KeyError):
@@ -165,8 +181,8 @@ class FolderInUse(BadRun):
         super().__init__(path, reason, remedy)
 
 
-class NothingFound(NsaidError):
-    """A search has found nothing that meets its conditions.
+class NoEstimate(NsaidError):
+    """A method found no estimate on a log.
 
     Attributes:
         reason: why.
@@ -177,7 +193,3 @@ class NothingFound(NsaidError):
         self.reason = reason
         self.remedy = remedy
         super().__init__(f"{reason}. {remedy}")
-
-
-class NoEstimate(NothingFound):
-    """A method found no estimate on a log."""

@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-Level = Literal["note", "warning", "refusal"]
-"""`note`: the data were changed. `warning`: the result may suffer. `refusal`: no result from this
-input could be trusted."""
-
 
 @dataclass(frozen=True)
 class Finding:
     """A finding about the input, for the user."""
+
+    Level = Literal["note", "warning", "refusal"]
+    """`note`: the data were changed. `warning`: the result may suffer. `refusal`: no result from
+    this input could be trusted."""
 
     level: Level  # how serious it is
     code: str  # a short constant name for scripts, such as "reversed_sign" or "dead_channel"

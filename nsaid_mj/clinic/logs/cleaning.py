@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...base import Finding, Level
+from ...base import Finding
 from ...core import Array, Log, continuous_signs, number
 from ...robots import RobotModel
 from . import signals
@@ -202,7 +202,7 @@ def _coarse(channel: Channel, order: signals.Order) -> bool:
 
 
 def about_rows(
-    level: Level, code: str, where: str, rows: Sequence[int] | np.ndarray, text: str
+    level: Finding.Level, code: str, where: str, rows: Sequence[int] | np.ndarray, text: str
 ) -> Finding:
     """A finding that begins with a number of rows and ends with the first of them.
 

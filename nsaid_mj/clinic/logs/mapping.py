@@ -21,7 +21,6 @@ from ...base import (
     config,
     path_of,
     read_input,
-    shown,
 )
 
 Quantity = Literal["position", "velocity", "command"]
@@ -569,7 +568,7 @@ def map_of(content: dict[str, Any], source: str = "map") -> Map:
         if first["type"] == "unexpected_keyword_argument":
             text = "no such field"
         remedy = "docs/map.md lists all fields of map.toml."
-        raise InvalidInput(f"{source}: {where}", text, shown(first["input"]), remedy) from error
+        raise InvalidInput(f"{source}: {where}", text, first["input"], remedy) from error
 
 
 def matrix(name: str, rows: tuple[tuple[float, ...], ...] | None, n: int) -> np.ndarray:

@@ -13,15 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base import (
-    CHOICES,
-    InvalidInput,
-    NoEstimate,
-    NsaidError,
-    check_choice,
-    single_threaded,
-    write_json,
-)
+from ...base import CHOICES, InvalidInput, NoEstimate, NsaidError, single_threaded, write_json
 from ...core import ConventionalAID, IdentifierConfig, Log, NullspaceAID, SensorLevels
 from ...lab import (
     BUDGET,
@@ -74,7 +66,7 @@ def comparison_plan(
         InvalidInput: a list is empty or has duplicates, or a value is out of range.
     """
     for name in methods:
-        check_choice("method", name)
+        CHOICES.check("method", name)
     lists = {"methods": methods, "seeds": seeds, "durations": durations, "noises": noises}
     for name, values in lists.items():
         if not values or len(set(values)) < len(values):

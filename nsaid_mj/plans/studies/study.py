@@ -17,7 +17,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress as Bar
 
-from ...base import InvalidInput, check_own, locked, shown, write_text
+from ...base import InvalidInput, check_own, locked, write_text
 from ...lab import Scenario, counted, versions
 from ...report import Page, Result, print_page
 from .one_run import digest_of
@@ -36,7 +36,7 @@ _Made = TypeVar("_Made")
 def check_count(name: str, number: int, remedy: str, most: int = MOST_RUNS) -> None:
     """Raises `InvalidInput` unless a number of runs, in all or at a time, is from 1 to `most`."""
     if not 1 <= number <= most:
-        raise InvalidInput(name, f"a number from 1 to {most}", shown(number), remedy)
+        raise InvalidInput(name, f"a number from 1 to {most}", number, remedy)
 
 
 def processors() -> int:

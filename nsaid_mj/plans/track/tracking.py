@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base import CHOICES, Finding, InvalidInput, check_choice, without_nonfinite, write_json
+from ...base import CHOICES, Finding, InvalidInput, without_nonfinite, write_json
 from ...core import Array, ConeMetric, Log, Status, rounded
 from ...lab import (
     AdaptiveTracking,
@@ -62,7 +62,7 @@ def tracking_plan(
         InvalidInput: the scenario's excitation does not track, or there are no seeds.
     """
     for law in laws:
-        check_choice("tracking law", law)
+        CHOICES.check("tracking law", law)
     if not laws or not seeds:
         raise InvalidInput("--laws, --seeds", "at least one of each", "none", "Leave them out.")
     if not isinstance(scenario.excitation, AdaptiveTracking):
