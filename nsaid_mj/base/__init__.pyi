@@ -77,23 +77,14 @@ from .files import RECORD as RECORD
 # File of a run's recording.
 from .files import RECORDING as RECORDING
 
-# Yields a temporary path to write to; on exit the file is synced and renamed to `path`.
-from .files import atomic_write as atomic_write
+# A file that this package writes: only in place of one of ours, which it signs.
+from .files import OutputFile as OutputFile
 
-# Checks, before any work, that a command replaces only files that are ours by their content.
-from .files import check_own as check_own
-
-# Creates an empty file in place of one of ours, without following a symbolic link.
-from .files import create as create
-
-# Deletes a file of ours, if there is one; raises `NotWritten` if it is not ours, or was read.
-from .files import discard as discard
+# A folder that a command writes its results into.
+from .files import OutputFolder as OutputFolder
 
 # The value of a JSON text; raises `ValueError` if it is not JSON, or nested too deeply.
 from .files import json_of as json_of
-
-# Creates a folder if missing, and keeps other processes and threads from writing into it.
-from .files import locked as locked
 
 # Prints a value as strict JSON; numbers that are not finite become null.
 from .files import print_json as print_json
@@ -101,32 +92,14 @@ from .files import print_json as print_json
 # The record in a run's folder, or the record file itself; raises `BadRun` if there is none.
 from .files import record_file as record_file
 
-# Writes a value as JSON, atomically.
-from .files import write_json as write_json
-
-# Writes text as UTF-8, atomically; halves of surrogate pairs, as in odd names, become `?`.
-from .files import write_text as write_text
-
-# Context in which an error of the operating system, while writing to a path, is `NotWritten`.
-from .files import writing as writing
-
 # A finding about the input, for the user.
 from .findings import Finding as Finding
 
-# Checks a file of the user's before a library opens it (regular, bounded); it counts as read.
-from .inputs import check_input as check_input
-
-# A file opened for reading, if it is a regular one of bounded size.
-from .inputs import opened_file as opened_file
+# A file of the user's, which no command that reads it replaces.
+from .inputs import InputFile as InputFile
 
 # A path with the home directory in place of a leading `~`, if there is such a user.
 from .inputs import path_of as path_of
-
-# The content of a regular file of bounded size.
-from .inputs import read_bytes as read_bytes
-
-# The content of a regular file of bounded size, the user's, which then counts as read.
-from .inputs import read_input as read_input
 
 # Context in which no file that is read is replaced, however its path is written.
 from .inputs import reading as reading
@@ -142,12 +115,6 @@ from .optional import pin as pin
 
 # Imports a package that an extra installs; `purpose` says what needs it.
 from .optional import require as require
-
-# Whether a file is empty, a record of ours, or has a content that was signed.
-from .signatures import is_ours as is_ours
-
-# Records that the content of a file is ours.
-from .signatures import sign as sign
 
 # A clock [s] that stops while this thread compiles, to measure the cost of a run.
 from .stopwatch import clock as clock

@@ -5,8 +5,10 @@ attributes, so that a script can act on it without parsing the message.
 """
 
 import difflib
+import errno
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 
 def printable(text: str) -> str:
@@ -167,6 +169,25 @@ class BadRun(NsaidError):
 
 class NotWritten(BadRun):
     """A file that cannot be written: the disk is full, or its folder is gone or read-only."""
+
+    @classmethod
+    @contextmanager
+    def on_failure(cls, path: object, remedy: str = "") -> Iterator[None]:
+        """Context in which an error of the operating system, while writing to a path, is this one.
+
+        The default remedy depends on the error.
+        """
+        try:
+            yield
+        except OSError as error:
+            full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+            remedy = remedy or (
+                "Make room on the disk, or give another folder with --out"
+                if full
+                else "Give another folder, with --out"
+            )
+            reason = error.strerror or str(error)
+            raise cls(path, f"it cannot be written: {reason}", remedy) from error
 
 
 class FolderInUse(BadRun):

@@ -105,14 +105,41 @@ def was_read(path: Path) -> bool:
     return any(keys & files for files in _read)
 
 
-def check_input(path: Path, text: bool = False) -> None:
-    """Checks a file of the user's before a library opens it; it then counts as read.
+class InputFile:
+    """A file of the user's, which no command that reads it replaces.
 
-    Raises:
-        OSError: it is missing, no regular file, or larger than a log (or a `text`) can be. A pipe
-            or a device would be waited for or read without end.
+    Attributes:
+        path: where it is.
     """
-    _count(path, LARGEST_TEXT if text else LARGEST_FILE)
+
+    def __init__(self, path: Path):
+        self.path = path
+
+    def check(self, text: bool = False) -> None:
+        """Checks it before a library opens it; it then counts as read.
+
+        Raises:
+            OSError: it is missing, no regular file, or larger than a log (or a `text`) can be. A
+                pipe or a device would be waited for or read without end.
+        """
+        _count(self.path, LARGEST_TEXT if text else LARGEST_FILE)
+
+    def opened(self) -> BufferedReader:
+        """Opened for reading, without waiting for a pipe's writer.
+
+        Raises:
+            OSError: it cannot be read, is no regular file, or is larger than a log can be.
+        """
+        return opened_file(self.path)
+
+    def read(self, most: int = LARGEST_TEXT) -> bytes:
+        """Its content; it then counts as read.
+
+        Raises:
+            OSError: it cannot be read, is no regular file, or has more than `most` bytes.
+        """
+        _count(self.path, most)
+        return read_bytes(self.path, most)
 
 
 def _count(path: Path, most: int) -> None:
@@ -123,16 +150,6 @@ def _count(path: Path, most: int) -> None:
     if not any(key in files for files in _written):
         for files in _read:
             files.add(key)
-
-
-def read_input(path: Path, most: int = LARGEST_TEXT) -> bytes:
-    """The content of a file of the user's, which then counts as read.
-
-    Raises:
-        OSError: it cannot be read, is no regular file, or has more than `most` bytes.
-    """
-    _count(path, most)
-    return read_bytes(path, most)
 
 
 def read_bytes(path: Path, most: int = LARGEST_TEXT) -> bytes:

@@ -14,11 +14,10 @@ from ..base import (
     BadRun,
     FolderInUse,
     NotWritten,
-    check_own,
+    OutputFile,
+    OutputFolder,
     json_of,
-    locked,
     path_of,
-    read_bytes,
 )
 
 if TYPE_CHECKING:
@@ -88,8 +87,8 @@ def _free(
     for folder in itertools.chain([RUNS / name], numbered) if out is None else [path_of(out)]:
         with ExitStack() as stack:
             try:
-                check_own(folder, files, None if force else _FORCE)
-                stack.enter_context(locked(folder))
+                OutputFolder(folder).check(files, None if force else _FORCE)
+                stack.enter_context(OutputFolder(folder).locked())
             except (FolderInUse, BadRun) as error:
                 if out is not None or (type(error) is NotWritten and not folder.is_dir()):
                     raise
@@ -115,7 +114,7 @@ def holds_run(folder: Path) -> bool:
 def holds_completed_run(folder: Path) -> bool:
     """Whether a folder has the summary of a completed run."""
     try:
-        summary = json_of(read_bytes(folder / "summary.json"))
+        summary = json_of(OutputFile(folder / "summary.json").read())
     except (OSError, ValueError):  # a run killed before its evaluation, or no run at all
         return False
     return isinstance(summary, dict) and summary.get("status") == "completed"

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..base import clock, write_json
+from ..base import OutputFile, clock
 from ..core import (
     Estimates,
     FaultEvent,
@@ -263,7 +263,7 @@ class Loop:
             self.ending.time = float(log.t[-1])
         if self.states[""].faults != self.faults:
             self.faults = self.states[""].faults
-            write_json(self.folder / FAULTS, [fault.keys() for fault in self.faults])
+            OutputFile(self.folder / FAULTS).write_json([fault.keys() for fault in self.faults])
         for observer in self.observers if len(rows) else ():
             now = self.monitor.level, self.monitor.level_perp
             observer.see(log.part(fresh, len(log.t)), self.states, now)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from ..base import RECORD, BadRun, NotWritten, create, json_of, record_file, writing
+from ..base import RECORD, BadRun, NotWritten, OutputFile, json_of, record_file
 from ..core import Array, Indices, Log
 
 BATCH_SECONDS = 0.5
@@ -54,8 +54,8 @@ class RecordWriter:
         )
         self._path = path
         self._failed = False
-        with writing(path):
-            create(path)
+        with NotWritten.on_failure(path):
+            OutputFile(path).create()
             self._inode = path.stat().st_ino
             self._file = pa.OSFile(os.fsencode(path), "wb")  # unbuffered
         self._stream = pa.ipc.new_stream(self._file, self._schema)
@@ -101,7 +101,7 @@ class RecordWriter:
             "from what was recorded"
         )
         try:
-            with writing(self._path, remedy):
+            with NotWritten.on_failure(self._path, remedy):
                 self._stream.close() if batch is None else self._stream.write_batch(batch)
         except NotWritten:
             self._failed = True

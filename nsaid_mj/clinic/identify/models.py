@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...base import Finding, InvalidInput, NsaidError, UnknownName, read_input
+from ...base import Finding, InputFile, InvalidInput, NsaidError, UnknownName
 from ...lab import load
 from ...robots import (
     BadRobot,
@@ -155,7 +155,7 @@ def plant_of(sheet: Path) -> PlantConfig:
     from ...lab import vehicle_families
 
     try:
-        content = tomllib.loads(read_input(sheet).decode())
+        content = tomllib.loads(InputFile(sheet).read().decode())
     except (OSError, ValueError, RecursionError):
         content = {}  # every family reports it alike
     families = {family.sheet.family: family for family in vehicle_families()}

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, Valida
 
 from ...base import (
     Flag,
+    InputFile,
     InvalidInput,
     Name,
     NonNegative,
@@ -20,7 +21,6 @@ from ...base import (
     Positive,
     config,
     path_of,
-    read_input,
 )
 
 Quantity = Literal["position", "velocity", "command"]
@@ -545,7 +545,7 @@ def read_map(path: str | os.PathLike[str]) -> Map:
     file = path_of(path)
     remedy = "`nsaid inspect LOG --model M` writes a map that fits the log."
     try:
-        content = tomllib.loads(read_input(file).decode())
+        content = tomllib.loads(InputFile(file).read().decode())
     except OSError as error:
         raise InvalidInput(str(file), "a map of columns", error.strerror, remedy) from error
     except (ValueError, RecursionError) as error:  # ValueError: not TOML, not UTF-8, 5000 digits

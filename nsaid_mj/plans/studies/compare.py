@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base import CHOICES, InvalidInput, NoEstimate, NsaidError, single_threaded, write_json
+from ...base import CHOICES, InvalidInput, NoEstimate, NsaidError, OutputFile, single_threaded
 from ...core import ConventionalAID, IdentifierConfig, Log, NullspaceAID, SensorLevels
 from ...lab import (
     BUDGET,
@@ -263,7 +263,7 @@ def _attempt(method: Method, problem: Problem) -> tuple[MethodEstimate | None, s
 
 def write(folder: Path, study: Study, rows: Sequence[Row]) -> None:
     """Writes compare.json, with all rows and the plan, and compare.csv; may raise `NotWritten`."""
-    write_json(folder / COMPARE_FILES[0], study.manifest | {"cells": rows})
+    OutputFile(folder / COMPARE_FILES[0]).write_json(study.manifest | {"cells": rows})
     write_csv(folder / COMPARE_FILES[1], list(row_of("", 0, 0.0, 0.0)), rows)
 
 

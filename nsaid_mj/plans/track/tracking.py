@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base import CHOICES, Finding, InvalidInput, without_nonfinite, write_json
+from ...base import CHOICES, Finding, InvalidInput, OutputFile, without_nonfinite
 from ...core import Array, ConeMetric, Log, Status, rounded
 from ...lab import (
     AdaptiveTracking,
@@ -190,7 +190,7 @@ def write(folder: Path, study: Study, done: list[TrackedCourse]) -> None:
     rows = [{"law": c.law, "seed": c.seed} | c.figures for c in done]
     heads = list(dict.fromkeys(key for row in rows for key in row))
     found = {"medians": medians(study, done), "rows": without_nonfinite(rows)}
-    write_json(folder / TRACKING_FILES[0], study.manifest | found)
+    OutputFile(folder / TRACKING_FILES[0]).write_json(study.manifest | found)
     write_csv(folder / TRACKING_FILES[1], heads, rows)
 
 

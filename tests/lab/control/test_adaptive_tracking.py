@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.base.errors import FolderInUse, InvalidInput, NsaidError
-from nsaid_mj.base.files import locked
+from nsaid_mj.base.files import OutputFolder
 from nsaid_mj.core.laws.cone.law import ConeMetric
 from nsaid_mj.core.laws.cone.prior import drawn_inside
 from nsaid_mj.core.laws.config import NullspaceAID
@@ -269,7 +269,11 @@ def test_a_study_writes_table_page_and_recording(tmp_path: Path, capsys: Any):
     )
     laws = ("nullspace", "conventional")
     plan = plan_of("double_pendulum", scenario, laws=laws, seeds=(0, 1))
-    with locked(tmp_path), ThreadPoolExecutor(1) as other, pytest.raises(FolderInUse):
+    with (
+        OutputFolder(tmp_path).locked(),
+        ThreadPoolExecutor(1) as other,
+        pytest.raises(FolderInUse),
+    ):
         other.submit(run_study, plan, tmp_path).result()
     result, done = run_study(plan, tmp_path)
     assert len(done) == 4 and result.complete and result.explains in {"yes", "partly"}

@@ -24,7 +24,7 @@ from nsaid_mj import (
     Scenario,
 )
 from nsaid_mj.base.errors import NotWritten
-from nsaid_mj.base.files import RECORDING, write_json
+from nsaid_mj.base.files import RECORDING, OutputFile
 from nsaid_mj.core.laws.faults import FaultEvent
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.structure.columns.curve import LINEAR, polynomial
@@ -582,7 +582,7 @@ def test_a_large_block_has_a_page_of_its_own(vehicle: SimulatedRun, arm: Simulat
 def test_the_link_of_a_failed_joint_turns_red_when_that_is_found(tmp_path: Path) -> None:
     result = run(ARM, tmp_path)
     event = FaultEvent(0.1, 0.12, "loss", "gain", ("gain_3",), 0.4, 0.3, 0.5, "1", 1.0)
-    write_json(tmp_path / FAULTS, [event.keys()])
+    OutputFile(tmp_path / FAULTS).write_json([event.keys()])
     truth = Truth.of(result)
     write_run_recording(result, evaluated(result, truth), truth)
     mesh = "Mesh3D:albedo_factor"

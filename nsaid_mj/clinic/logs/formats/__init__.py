@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....base import RECORD, InvalidInput, NsaidError, check_input, opened_file, printable
+from ....base import RECORD, InputFile, InvalidInput, NsaidError, printable
 from ..unusable import MissingExtra, UnreadableLog
 
 LIMIT = 4.0
@@ -119,9 +119,9 @@ def form_of(path: Path) -> Format:
     )
     try:
         for file in inside:
-            check_input(file)
+            InputFile(file).check()
         if not folder:
-            with opened_file(path) as stream:
+            with InputFile(path).opened() as stream:
                 head = stream.read(64)
     except OSError as error:
         reason = f"{error.filename}: {error.strerror}" if folder else f"{error.strerror}"
