@@ -5,12 +5,6 @@
 from .bounds import LARGEST as LARGEST
 from .bounds import Config as Config
 
-# A field that is true or false; numbers and words are refused.
-from .bounds import Flag as Flag
-
-# Text that can be written as UTF-8.
-from .bounds import Name as Name
-
 # A finite number ≥ 0.
 from .bounds import NonNegative as NonNegative
 
@@ -22,12 +16,6 @@ from .bounds import Positive as Positive
 
 # A number > 0 and ≤ 1.
 from .bounds import PositiveShare as PositiveShare
-
-# A share in [0, 1), such as a relative spread.
-from .bounds import Share as Share
-
-# Number of sines in a signal; a thousand of them already need a megabyte per second.
-from .bounds import Tones as Tones
 
 # Decorator: a frozen dataclass whose fields are checked against their annotations.
 from .bounds import config as config
@@ -71,12 +59,6 @@ from .errors import UnknownName as UnknownName
 # A text with U+FFFD for each control character, such as the escape that steers a terminal.
 from .errors import printable as printable
 
-# File of a run's record.
-from .files import RECORD as RECORD
-
-# File of a run's recording.
-from .files import RECORDING as RECORDING
-
 # A file that this package writes: only in place of one of ours, which it signs.
 from .files import OutputFile as OutputFile
 
@@ -89,9 +71,6 @@ from .files import json_of as json_of
 # Prints a value as strict JSON; numbers that are not finite become null.
 from .files import print_json as print_json
 
-# The record in a run's folder, or the record file itself; raises `BadRun` if there is none.
-from .files import record_file as record_file
-
 # A finding about the input, for the user.
 from .findings import Finding as Finding
 
@@ -100,9 +79,6 @@ from .inputs import InputFile as InputFile
 
 # A path with the home directory in place of a leading `~`, if there is such a user.
 from .inputs import path_of as path_of
-
-# Context in which no file that is read is replaced, however its path is written.
-from .inputs import reading as reading
 
 # A command's options with the home directory in place of every leading `~`.
 from .inputs import with_homes as with_homes
@@ -116,20 +92,8 @@ from .optional import pin as pin
 # Imports a package that an extra installs; `purpose` says what needs it.
 from .optional import require as require
 
-# A clock [s] that stops while this thread compiles, to measure the cost of a run.
-from .stopwatch import clock as clock
-
-# Time this process has spent compiling kernels so far [s], without loading cached ones.
-from .stopwatch import compile_seconds as compile_seconds
-
-# Context that calls `call` whenever a function has been compiled, in any thread.
-from .stopwatch import on_compiling as on_compiling
-
-# Has numba compile a function; its time counts, unless it is loaded from the cache.
-from .stopwatch import timed as timed
-
-# Starts a pure call along a log of some steps; returns a function that waits for its result.
-from .threads import beside as beside
+# The time since it was made. It stops while the thread that reads it compiles kernels.
+from .stopwatch import Stopwatch as Stopwatch
 
 # Decorator of functions during which BLAS and OpenMP use a single thread.
 from .threads import single_threaded as single_threaded

@@ -36,17 +36,10 @@ LARGEST = 1e15
 Number = Annotated[float, Field(strict=True, ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(strict=True, gt=0, le=LARGEST)]
 NonNegative = Annotated[float, Field(strict=True, ge=0, le=LARGEST)]
-Share = Annotated[float, Field(strict=True, ge=0, lt=1)]
-"""A share in [0, 1), such as a relative spread."""
 PositiveShare = Annotated[float, Field(strict=True, gt=0, le=1)]
-Tones = Annotated[int, Field(strict=True, ge=1, le=1000)]
-"""Number of sines in a signal; a thousand of them already need a megabyte per second."""
-Flag = Annotated[bool, Field(strict=True)]
-Name = Annotated[str, Field(strict=True, max_length=4096)]
-"""Text that can be written as UTF-8."""
 
 _HELP = "`nsaid run NAME --help` lists what every field takes."
-_STRICT = ConfigDict(allow_inf_nan=False, extra="forbid")
+_STRICT = ConfigDict(allow_inf_nan=False, extra="forbid", str_max_length=4096)
 _C = TypeVar("_C", bound=type)
 
 
@@ -54,7 +47,8 @@ _C = TypeVar("_C", bound=type)
 def config(cls: _C) -> _C:
     """Decorator: a frozen dataclass whose fields are checked against their annotations.
 
-    Numbers must be finite. With the types of this module neither `True` nor `"3"` is a number, and
+    Numbers must be finite, and text such as can be written as UTF-8. With the types of this module
+    neither `True` nor `"3"` is a number, and
     1.0 is not an integer. A list is accepted where a tuple is declared.
     """
     made: Any = dataclass(frozen=True, config=_STRICT)(cls)

@@ -13,19 +13,6 @@ from .errors import BadRun, FolderInUse, NotWritten
 from .inputs import LARGEST_TEXT, opened_file, path_of, read_bytes, wrote
 from .signatures import check_replaceable, is_ours, sign, unused
 
-RECORDING = "run.rrd"
-"""File of a run's recording."""
-RECORD = "record.arrow"
-"""File of a run's record."""
-
-
-def record_file(path: Path) -> Path:
-    """The record in a run's folder, or the record file itself; raises `BadRun` if there is none."""
-    file = path / RECORD if path_of(path).is_dir() else path
-    if not file.is_file():
-        raise BadRun(path, f"there is no {RECORD}", "Give the folder that a run has written")
-    return file
-
 
 def json_of(text: str | bytes) -> Any:
     """The value of a JSON text; raises `ValueError` if it is not JSON, or nested too deeply."""
@@ -146,10 +133,28 @@ class OutputFolder:
 
     Attributes:
         path: where it is.
+        RECORD: name of a run's record in its folder.
+        RECORDING: name of the recording of a run or an identification.
     """
+
+    RECORD = "record.arrow"
+    RECORDING = "run.rrd"
 
     def __init__(self, path: Path):
         self.path = path
+
+    def record_file(self) -> Path:
+        """The record in a run's folder; if the path is not a folder's, it is the record's own.
+
+        Raises:
+            BadRun: there is none.
+        """
+        file = self.path / self.RECORD if path_of(self.path).is_dir() else self.path
+        if not file.is_file():
+            raise BadRun(
+                self.path, f"there is no {self.RECORD}", "Give the folder that a run has written"
+            )
+        return file
 
     def check(self, results: Sequence[str], remedy: str | None = "") -> None:
         """Checks, before any work, that a command may write its files into it.

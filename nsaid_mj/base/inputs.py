@@ -26,7 +26,7 @@ LARGEST_FILE = 1 << 40
 _Options = TypeVar("_Options", bound="DataclassInstance")
 _Key = tuple[int, int]  # device and inode: one file, by whatever path, link or mount
 
-_read: list[set[_Key]] = []  # files that the command has read, for each `reading` around it
+_read: list[set[_Key]] = []  # files read, for each `InputFile.reading` around it
 _written: list[set[_Key]] = []  # files that it wrote itself: read again, they are no inputs
 
 
@@ -68,26 +68,6 @@ def with_homes(options: _Options) -> _Options:
 
     given = {field.name: getattr(options, field.name) for field in fields(options)}
     return replace(options, **{name: whole(value) for name, value in given.items()})
-
-
-@contextmanager
-def reading(*paths: str | Path | None) -> Iterator[None]:
-    """Context in which no file that is read is replaced, however its path is written.
-
-    Args:
-        paths: files that count as read from the beginning; others are ignored.
-    """
-    files = set[_Key]()
-    for path in filter(None, paths):
-        with suppress(OSError, ValueError):
-            files.add(_key(os.stat(path)))
-    _read.append(files)
-    _written.append(set())
-    try:
-        yield
-    finally:
-        _read.pop()
-        _written.pop()
 
 
 def wrote(path: Path) -> None:
@@ -140,6 +120,26 @@ class InputFile:
         """
         _count(self.path, most)
         return read_bytes(self.path, most)
+
+    @staticmethod
+    @contextmanager
+    def reading(*paths: str | Path | None) -> Iterator[None]:
+        """Context in which no file that is read is replaced, however its path is written.
+
+        Args:
+            paths: files that count as read from the beginning; others are ignored.
+        """
+        files = set[_Key]()
+        for path in filter(None, paths):
+            with suppress(OSError, ValueError):
+                files.add(_key(os.stat(path)))
+        _read.append(files)
+        _written.append(set())
+        try:
+            yield
+        finally:
+            _read.pop()
+            _written.pop()
 
 
 def _count(path: Path, most: int) -> None:

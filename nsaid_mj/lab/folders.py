@@ -9,16 +9,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..base import (
-    RECORD,
-    BadRun,
-    FolderInUse,
-    NotWritten,
-    OutputFile,
-    OutputFolder,
-    json_of,
-    path_of,
-)
+from ..base import BadRun, FolderInUse, NotWritten, OutputFile, OutputFolder, json_of, path_of
 
 if TYPE_CHECKING:
     from ..core import IdentifierConfig
@@ -27,7 +18,7 @@ if TYPE_CHECKING:
 RUNS = Path("runs")
 _FORCE = ", or --force to write among them"
 RUN = (
-    *(RECORD, "scenario.json", "summary.json", "report.html"),
+    *(OutputFolder.RECORD, "scenario.json", "summary.json", "report.html"),
     *("run.rrd", "verify.json", "faults.json"),
 )
 """Files of a run, even of one that ended early."""

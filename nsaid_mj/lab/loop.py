@@ -21,8 +21,7 @@ from ..base import (
     NotWritten,
     OutputFile,
     OutputFolder,
-    clock,
-    compile_seconds,
+    Stopwatch,
     json_of,
     single_threaded,
 )
@@ -137,7 +136,7 @@ def run(
         if not force and holds_run(folder):
             remedy = "Give force=True to replace it, or another folder"
             raise FolderInUse(folder, "it holds a run", remedy)
-        compiled = compile_seconds()
+        watch = Stopwatch()
         setup = Setup.of(scenario)
         moved = setup.plant, setup.driver(), setup.sensors()
         source = Simulation(*moved, scenario.dt, scenario.steps)
@@ -149,7 +148,7 @@ def run(
             metadata = {TARGET_DELAYS: (steps * setup.plant.dt).tolist()}
             metadata |= {PROFILED: setup.plant.profile is not None}
         done = followed(scenario, robot, source, setup.identifiers(), folder, observers, metadata)
-        done.cost.compile = compile_seconds() - compiled
+        done.cost.compile = watch.compiling
         return SimulatedRun(**vars(done), setup=setup)
 
 
@@ -188,14 +187,14 @@ def followed(
     writer = RecordWriter(folder / RECORD_FILE, widths, known, batch)
     monitor = PersistenceMonitor(system.p, r, scenario.pe_window)
     loop = Loop(scenario, robot, source, identifiers, monitor, writer, observers, folder)
-    begin = clock()
+    watch = Stopwatch()
     try:
         with _ctrl_c(loop.stop):
             loop()
     except KeyboardInterrupt:
         loop.ending.status = source.stopped
     finally:
-        loop.cost.wall = clock() - begin
+        loop.cost.wall = watch.seconds
         for observer in observers:
             observer.stop()
         writer.close()

@@ -19,14 +19,14 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from ..base import RECORD, BadRun, NotWritten, OutputFile, json_of, record_file
+from ..base import BadRun, NotWritten, OutputFile, OutputFolder, json_of
 from ..core import Array, Indices, Log
 
 BATCH_SECONDS = 0.5
 """Duration of a batch, and of what identifiers follow at once: by default an interval of the
 memory, whose steps then end with it and are taken beside the filter's."""
 
-RECORD_FILE = RECORD
+RECORD_FILE = OutputFolder.RECORD
 TARGET_DELAYS = "target_delays"
 """Key of a record's metadata: (n_u,) delays [s] of a servo arm's targets, after which u acts."""
 PROFILED = "target_profile"
@@ -213,14 +213,14 @@ class Record:
 
         `rows` never has more in memory than the rows asked for.
         """
-        file = record_file(path)
+        file = OutputFolder(path).record_file()
         with _typed(file):
             return Record(*_scan(file))
 
     @staticmethod
     def metadata_of(path: Path) -> dict[str, Any]:
         """Reads only the metadata of a run's folder or record file; `BadRun` if unreadable."""
-        file = record_file(path)
+        file = OutputFolder(path).record_file()
         with _typed(file), pa.OSFile(os.fsencode(file)) as source:
             return _metadata(pa.ipc.open_stream(source).schema)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from nsaid_mj.base import reading
+from nsaid_mj.base import InputFile
 from nsaid_mj.base.errors import NotWritten
 from nsaid_mj.base.files import OutputFile
 from nsaid_mj.robots.assets import folder
@@ -71,7 +71,7 @@ def test_a_folder_of_other_files_is_refused_before_any_work(
 
 def test_an_input_is_not_overwritten_even_with_force(desk: Path) -> None:
     model = desk / "two.urdf"
-    with reading("two.urdf", "double_pendulum", None):
+    with InputFile.reading("two.urdf", "double_pendulum", None):
         with pytest.raises(NotWritten, match="a file that was read"):
             OutputFile(model).write_text("")
         OutputFile(desk / "other.yaml").write_text("other")

@@ -16,7 +16,7 @@ import pytest
 from nsaid_mj import NsaidError, base
 from nsaid_mj.base.errors import NotWritten
 from nsaid_mj.base.files import OutputFile
-from nsaid_mj.base.inputs import InputFile, reading
+from nsaid_mj.base.inputs import InputFile
 from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.clinic.logs.tables import read_tables
 from nsaid_mj.robots.assets import folder
@@ -332,7 +332,7 @@ def test_what_a_command_wrote_it_may_read_and_write_again(tmp_path: Path) -> Non
     mine = tmp_path / "mine.xml"
     mine.write_text("<a/>", encoding="utf-8")
     ours = tmp_path / "ours.xml"
-    with reading():
+    with InputFile.reading():
         OutputFile(ours).write_text("<a/>")
         assert InputFile(ours).read() == InputFile(mine).read()
         OutputFile(ours).write_text("<b/>")

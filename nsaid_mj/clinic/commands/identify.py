@@ -170,13 +170,13 @@ def write(
 
     page = pages_page(result, command)
     files.append(page.write_html(folder))
-    from ...base import RECORDING, installed
+    from ...base import OutputFolder, installed
 
     if installed("rerun"):
         from ..identify.recording import record
 
         report("writing the recording")
-        files.append(record(page, folder / RECORDING))
+        files.append(record(page, folder / OutputFolder.RECORDING))
     if result.law is not None:
         from ...lab import finish
 
@@ -235,7 +235,7 @@ def identify_given(
     result, replay = replayed(result, model_file, given, others)
     write_servo_mjcf(result, model_file)
     OutputFile(path).write_json(without_nonfinite(result.summary()))
-    from ...base import RECORDING, installed
+    from ...base import OutputFolder, installed
     from ..servos.page import servo_page as servos_page
 
     commands = [repeated(chosen)]
@@ -248,7 +248,7 @@ def identify_given(
         from ..identify.recording import record_servos
 
         progress.say("writing the recording")
-        files.append(record_servos(page, replay, folder / RECORDING))
+        files.append(record_servos(page, replay, folder / OutputFolder.RECORDING))
     return page, [*files, page.write_html(folder)]
 
 

@@ -10,8 +10,9 @@ from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
+from pydantic import StrictBool
 
-from ...base import Flag, InvalidInput, Name, Number, Positive, config
+from ...base import InvalidInput, Number, Positive, config
 from ...core import (
     Block,
     Column,
@@ -73,9 +74,9 @@ class LiveRobot(MeasuredRobot):
             than forces [N·m or N per unit]; None for the model file's, or 1.
     """
 
-    robot: Name
-    lock: tuple[Name, ...] = ()
-    joints: tuple[Name, ...] = ()
+    robot: str
+    lock: tuple[str, ...] = ()
+    joints: tuple[str, ...] = ()
     gain: Positive | None = None
 
     def known(self) -> RobotDescription:
@@ -170,13 +171,13 @@ _OPERATION = 2.0  # largest speeds and commands, relative to their rms
 class Parameters:
     """A block of θ, see `parameters.Block`."""
 
-    name: Name
-    names: tuple[Name, ...]
-    units: tuple[Name, ...]
+    name: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
     scale: tuple[Positive, ...]
     geometry: Geometry
-    actuator: Flag
-    labels: tuple[Name, ...]
+    actuator: StrictBool
+    labels: tuple[str, ...]
     entries: tuple[tuple[int, int, int, float], ...] = ()
 
     @staticmethod
@@ -204,12 +205,12 @@ class Parameters:
 class FittedColumn:
     """A column of F, see `structure.parts.Column`."""
 
-    kind: Name
+    kind: str
     parameter: int
     body: int
     dof: int
     input: int
-    constants: tuple[tuple[Name, tuple[Number, ...]], ...]
+    constants: tuple[tuple[str, tuple[Number, ...]], ...]
 
     @staticmethod
     def of(column: Column) -> FittedColumn:
@@ -237,8 +238,8 @@ class LogRobot(MeasuredRobot):
 
     # path of a URDF, MJCF or vehicle's TOML file, or the name of a robot or vehicle, for its
     # kinematics
-    robot: Name
-    joints: tuple[Name, ...]  # the joints that move; none of a vehicle
+    robot: str
+    joints: tuple[str, ...]  # the joints that move; none of a vehicle
     blocks: tuple[Parameters, ...]  # blocks of θ
     prior: tuple[Number, ...]  # (p,) θ̂(0)
     columns: tuple[FittedColumn, ...]  # that the fit adds to the robot's own

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...base import InvalidInput, beside
+from ...base import InvalidInput
 from ..log import Log, Measurement
 from ..numerics.lanes import COMPILED, WIDTH
+from ..numerics.threads import beside
 from ..parameters import Array
 from ..structure.motion import Motion
 from ..structure.system import SecondOrderSystem, checked

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...base import Positive, PositiveShare, Tones, config
+from ...base import Positive, PositiveShare, config
 from ...core import Array
+from ..fields import Tones
 from .driver import Driver, DriverConfig, Feedback, tree
 from .multisine import pushes
 

@@ -7,7 +7,6 @@ the vehicle's columns, in SI units, x forward, y left, z up.
 import numpy as np
 
 from ...base import InvalidInput as InvalidInput
-from ...base import Share as Share
 from ...core import AXES as AXES
 from ...core import GRAVITY as GRAVITY
 from ...core import Array as Array
@@ -17,6 +16,7 @@ from ...core import Inertia as Inertia
 from ...core import Operation as Operation
 from ...core import Term as Term
 from ...core import polynomial
+from ..fields import Share as Share
 from .rotors import rotor_terms as rotor_terms
 from .single_track import operation as operation
 from .single_track import planar_mass as planar_mass

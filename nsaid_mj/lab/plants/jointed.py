@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
-from ...base import Name, NonNegative, Positive, Share, UnknownName, config
+from ...base import NonNegative, Positive, UnknownName, config
 from ...core import GRAVITY, Actuator
 from ...robots import BadRobot, published_numbers
+from ..fields import Share
 from .world.config import KnownPlant, PlantConfig, PublishedRobot
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ _UNSURE = (
 class JointedPlant(KnownPlant, ABC):
     """A robot with a motor or servo on every joint. Its attributes are those of `ArmPlant`."""
 
-    robot: Name = "ur5"
+    robot: str = "ur5"
     damping: Positive | None = None
     friction: Positive | None = None
     armature: NonNegative | None = None
@@ -184,7 +185,7 @@ class FloatingBasePlant(ArmPlant):
     Its attributes are those of `ArmPlant`.
     """
 
-    robot: Name = "solo12"
+    robot: str = "solo12"
     _base: ClassVar[Literal["held", "free"]] = "free"
 
 
@@ -203,8 +204,8 @@ class WalkingPlant(JointedPlant):
         softness: time constant of the ground's contact force, MuJoCo's `solref` [s].
     """
 
-    robot: Name = "go2"
-    feet: Name = "_foot"
+    robot: str = "go2"
+    feet: str = "_foot"
     foot_radius: Positive = 0.022  # of the go2 in MuJoCo Menagerie
     sole: tuple[NonNegative, NonNegative, Positive, Positive] | None = None
     sliding: Positive = 0.8
@@ -264,7 +265,7 @@ class FlyingArmPlant(KnownPlant):
 
     _refuses: ClassVar[tuple[str, ...]] = ("a flying arm in still air", "flow", "fluid")
 
-    robot: Name = "borinot"
+    robot: str = "borinot"
     spread: Share = 0.2
 
     def _published(self) -> PublishedRobot:

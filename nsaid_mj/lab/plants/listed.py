@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
-from ...base import InvalidInput, Name, Share, UnknownName, config
+from ...base import InvalidInput, UnknownName, config
 from ...core import (
     Array,
     Block,
@@ -14,6 +14,7 @@ from ...core import (
     Operation,
     Term,
 )
+from ..fields import Share
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import BodyInertia
 from .world.sheet import (
@@ -188,5 +189,5 @@ class ListedPlant(VehiclePlant):
     family: ClassVar[str] = ListedSheet.family
     sheet: ClassVar[type[VehicleSheet]] = ListedSheet
     _refuses: ClassVar[tuple[str, ...]] = ("a vehicle of listed columns", "fluid")
-    vehicle: Name = "catamaran"
+    vehicle: str = "catamaran"
     spread: Share = 0.2

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base import InvalidInput, compile_seconds
+from ...base import InvalidInput, Stopwatch
 from ...core import (
     Array,
     Estimates,
@@ -177,9 +177,9 @@ def identify(
     A draw is its number and its scenario, whose seed draws the prior. Returns one row per draw.
     """
     begin = time.perf_counter()
-    compiled = compile_seconds()
+    watch = Stopwatch()
     runs = follow(course, [scenario for _, scenario in draws], seen)
-    spent = time.perf_counter() - begin - (compile_seconds() - compiled)
+    spent = time.perf_counter() - begin - watch.compiling
     cost = 1e6 * max(spent, 0.0) / (len(runs) * max(1, len(course.log.t) - 1))
     return [_row(*draw, course, run, cost) for draw, run in zip(draws, runs, strict=True)]
 

@@ -24,7 +24,7 @@ from nsaid_mj import (
     Scenario,
 )
 from nsaid_mj.base.errors import NotWritten
-from nsaid_mj.base.files import RECORDING, OutputFile
+from nsaid_mj.base.files import OutputFile, OutputFolder
 from nsaid_mj.core.laws.faults import FaultEvent
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.structure.columns.curve import LINEAR, polynomial
@@ -83,7 +83,7 @@ def vehicle(tmp_path_factory: pytest.TempPathFactory) -> SimulatedRun:
 
 def read(result: SimulatedRun) -> dict[str, dict[str, list]]:
     """Column name to values, by entity, over all of a recording's chunks."""
-    return entities_of(result.folder / RECORDING)
+    return entities_of(result.folder / OutputFolder.RECORDING)
 
 
 def test_the_recording_of_an_arm_has_every_entity(arm: SimulatedRun) -> None:
@@ -163,7 +163,7 @@ def test_rerun_verifies_the_file_and_nothing_else_is_left(
     which: str, request: pytest.FixtureRequest
 ) -> None:
     result: SimulatedRun = request.getfixturevalue(which)
-    file = result.folder / RECORDING
+    file = result.folder / OutputFolder.RECORDING
     assert subprocess.call([*viewer.program(), "rrd", "verify", str(file)]) == 0
     assert [p.name for p in result.folder.glob(".*") if p.name != ".nsaid-mj.json"] == []
 
@@ -341,7 +341,7 @@ def test_a_minute_of_recording_is_below_20_MB(arm: SimulatedRun) -> None:
     entities = read(arm)
     frames = len([t for t in entities["/robot/torque/estimated"]["sim_time"] if t is not None])
     assert frames <= 15 * arm.scenario.duration + 2
-    assert (arm.folder / RECORDING).stat().st_size < 9e6  # meshes, mostly
+    assert (arm.folder / OutputFolder.RECORDING).stat().st_size < 9e6  # meshes, mostly
 
 
 def test_the_recorded_text_states_the_result(arm: SimulatedRun) -> None:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....base import RECORD, InputFile, InvalidInput, NsaidError, printable
+from ....base import InputFile, InvalidInput, NsaidError, OutputFolder, printable
 from ..unusable import MissingExtra, UnreadableLog
 
 LIMIT = 4.0
@@ -63,7 +63,7 @@ class Format(NamedTuple):
 
 _BAGS = (b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\x00")
 FORMATS = (
-    Format("run", "Arrow", inside=RECORD),
+    Format("run", "Arrow", inside=OutputFolder.RECORD),
     Format("lerobot", "Arrow", inside="meta/info.json"),
     Format("arrow", "Arrow", (b"PAR1", b"ARROW1", b"\xff\xff\xff\xff")),
     Format("npz", "NumPy", (b"PK\x03\x04",)),

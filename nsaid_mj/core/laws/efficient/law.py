@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from ....base import beside
 from ...log import Log, Measurement
+from ...numerics.threads import beside
 from ...quotient.cost import Remembered
 from ...structure.system import checked
 from ..base import Confidence, Estimates, Identifier, State, Status

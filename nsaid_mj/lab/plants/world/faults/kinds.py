@@ -14,16 +14,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from .....base import (
-    Config,
-    InvalidInput,
-    Name,
-    NonNegative,
-    Number,
-    Positive,
-    UnknownName,
-    config,
-)
+from .....base import Config, InvalidInput, NonNegative, Number, Positive, UnknownName, config
 from .....core import Array, Indices
 
 if TYPE_CHECKING:
@@ -206,7 +197,7 @@ class Friction(PlantFault):
     """
 
     by: Positive = 1.0
-    parameter: Name = "viscous_1"
+    parameter: str = "viscous_1"
 
     def added(self, system: SecondOrderSystem) -> Array:
         """`by` at the parameter."""
@@ -241,7 +232,7 @@ class Payload(PlantFault):
 
     mass: Positive = 1.0
     place: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
-    link: Name = ""
+    link: str = ""
 
     def added(self, system: SecondOrderSystem) -> Array:
         """The inertial parameters of a point mass; in water also its weight and moment."""
