@@ -54,7 +54,7 @@ _EXPLAINS: dict[str, Mark] = {
 }
 """Marks of verdicts."""
 
-LEVELS: dict[Finding.Level, Mark] = {
+LEVELS: dict[Literal["refusal", "warning", "note"], Mark] = {
     "refusal": Mark("✘", "poor"),
     "warning": Mark("▲", "fair"),
     "note": Mark("·", "weak"),

@@ -7,7 +7,7 @@ bodies and actuators are read.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
@@ -257,7 +257,7 @@ def motors(
         else:
             servos.append(joint)
         limits[k] = _limit(mj, i, j, gear, float(gain[k]))
-    noticed: tuple[tuple[str, Finding.Level, list[str], str], ...] = (
+    noticed: tuple[tuple[str, Literal["note", "warning"], list[str], str], ...] = (
         ("no_actuator", "note", bare, "no actuator in the file; u must be the joint's force"),
         (
             "servo",

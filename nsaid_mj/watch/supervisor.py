@@ -9,7 +9,7 @@ memory averages over the drift.
 
 from __future__ import annotations
 
-from ..core import ChosenBy, EfficientIdentifier, EfficientState, Log
+from ..core import EfficientIdentifier, EfficientState, Log
 from .drift import LONGEST, Rivals, walks
 from .faults.isolation import Isolation
 from .faults.trial import LEAD
@@ -68,9 +68,9 @@ class FilterSupervisor:
         """The state with what follows for the law from what the supervisor keeps."""
         kept = kept_of(state)
         walk = walks(self._estimator.system.space, kept.walk(self._seconds(state)), kept.drift)
-        chosen_by = ChosenBy.residuals if kept.loose is None else ChosenBy.unchanged
+        chosen_by = "residuals" if kept.loose is None else "unchanged"
         if kept.drift:
-            chosen_by = ChosenBy.filter
+            chosen_by = "filter"
         trying = moving_of(state).trials is not None
         return saying(state, walk=walk, chosen_by=chosen_by, trying=trying)
 

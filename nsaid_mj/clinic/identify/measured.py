@@ -21,8 +21,8 @@ from ...core import (
     JointTree,
     NullspaceAID,
     ParameterSpace,
+    Prior,
     Rotor,
-    drawn_inside,
 )
 from ...lab import (
     ArmPlant,
@@ -125,7 +125,7 @@ def _arm(model: RobotModel, gain: float | None) -> RobotDescription:
     )
     system = CompiledMultibody(tree, scales, np.full(k, _FRICTION_SPEED))
     prior = np.concatenate([file_links(tree), rotor, viscous, coulomb, gains])
-    prior = drawn_inside(system.space, prior, 0.0, np.random.default_rng(0))
+    prior = Prior(system.space, prior, 0.0).draw(np.random.default_rng(0))
     return RobotDescription(system, prior, model.visuals)
 
 
@@ -261,7 +261,7 @@ class LogRobot(MeasuredRobot):
         columns = [*structure.columns, *(each.column for each in self.columns)]
         rotors = [*structure.rotors, *(Rotor(*each) for each in self.rotors)]
         structure = replace(structure, columns=columns, rotors=rotors, p=len(space))
-        prior = drawn_inside(space, np.array(self.prior), 0.0, np.random.default_rng(0))
+        prior = Prior(space, np.array(self.prior), 0.0).draw(np.random.default_rng(0))
         return RobotDescription(own.rebuilt(structure, space), prior, model.visuals)
 
 

@@ -57,7 +57,7 @@ def load_robot_model(
     if lock or joints is not None:
         expected = "no joints, for a vehicle"
         raise InvalidInput("lock", expected, [*lock, *(joints or ())], "Leave it out.")
-    from ...core import drawn_inside
+    from ...core import Prior
     from ...lab import ParametricPlantConfig
 
     packed = model in scenarios()
@@ -80,7 +80,7 @@ def load_robot_model(
         gain=np.ones(count),
         limits=np.full(count, np.inf),
         system=system,
-        prior=drawn_inside(system.space, nominal, 0.0, np.random.default_rng(0)),
+        prior=Prior(system.space, nominal, 0.0).draw(np.random.default_rng(0)),
         findings=_guesses(config),
         visuals=plant,
         top_speed=_top_speed(config),

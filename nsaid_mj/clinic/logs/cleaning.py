@@ -5,7 +5,7 @@ Every step is reported.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -202,7 +202,11 @@ def _coarse(channel: Channel, order: signals.Order) -> bool:
 
 
 def about_rows(
-    level: Finding.Level, code: str, where: str, rows: Sequence[int] | np.ndarray, text: str
+    level: Literal["note", "warning", "refusal"],
+    code: str,
+    where: str,
+    rows: Sequence[int] | np.ndarray,
+    text: str,
 ) -> Finding:
     """A finding that begins with a number of rows and ends with the first of them.
 

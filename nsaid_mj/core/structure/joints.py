@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...base import pin
+from ...base import EnginesDisagree, pin
 from ..parameters import Array, Block, ParameterSpace
 from .blocks import Term, mounts_of, placed
 from .columns import KINDS
@@ -29,7 +29,9 @@ from .parts import Actuator, Body, Inertia, Operation, Rotor
 from .structure import Structure
 from .system import SecondOrderSystem
 
-"""A joint's command: a motor's torque over its gain, or a servo's target."""
+AGREEMENT = 1e-10
+"""Largest accepted difference from Pinocchio, relative to the largest entry."""
+_SAMPLES = 20  # random states at which both are compared
 _UNLIMITED = np.pi  # range of probes of joints without limits, ± [rad or m]
 _PLACE = 1.0  # range of probes of a base, ± [m], ± [rad] per axis: 1.8 √3 < π
 _TURN = 1.8
@@ -239,6 +241,56 @@ class JointTree(SecondOrderSystem):
         low, high = self.command_limits
         u = 0.5 * (low + high) + 0.5 * (high - low) * rng.uniform(-1, 1, self.n_u)
         return q, v, u if self.scales.actuator == "motor" else self.angles(q)[self.driven] + u
+
+    def check_consistency(self) -> None:
+        """Compares its regressors with Pinocchio's at random states.
+
+        This includes the torque regressor of the links and, under random physical inertias, the
+        mass matrix and the bias forces.
+
+        Raises:
+            EnginesDisagree: they differ by more than `AGREEMENT` of the largest entry.
+        """
+        rng = np.random.default_rng(0)
+        model = pin.Model(self.model)
+        links = 10 * self.bodies
+        theta = np.zeros(self.p)
+        for i in range(1, model.njoints):
+            model.inertias[i] = pin.Inertia.Zero()
+            model.inertias[i].mass = rng.uniform(0.5, 2.0)
+            model.inertias[i].lever = rng.uniform(-0.3, 0.3, 3)
+            moments = rng.uniform(0.05, 0.1, 3)
+            model.inertias[i].inertia = np.diag(moments)
+            theta[10 * (i - 1) : 10 * i] = model.inertias[i].toDynamicParameters()
+        data = model.createData()
+        still = np.zeros(self.n)
+        for _ in range(_SAMPLES):
+            q, v, _ = self.random_state(rng)
+            a = rng.uniform(-1, 1, self.n)
+            u = np.zeros(self.n_u)
+            regressor = pin.computeJointTorqueRegressor(model, data, q, v, a)
+            mass = pin.crba(model, data, q)
+            bias = pin.nonLinearEffects(model, data, q, v)
+            ours = self._W(0.0, q, v, v, a, u)[:, :links]
+            ours_bias = self._W(0.0, q, v, v, still, u)[:, :links]
+            for quantity, own, theirs in (
+                ("torque regressor", ours, regressor.reshape(self.n, links)),
+                ("mass matrix", self._mass_tensor(q) @ theta, np.triu(mass) + np.triu(mass, 1).T),
+                ("bias force", ours_bias @ theta[:links], bias),
+            ):
+                apart = float(np.max(np.abs(own - theirs)) / max(np.max(np.abs(theirs)), 1e-300))
+                if not apart <= AGREEMENT:
+                    worst = int(np.argmax(np.max(np.abs(own - theirs).reshape(self.n, -1), axis=1)))
+                    joint = max(j.id for j in list(model.joints)[1:] if j.idx_v <= worst)
+                    raise EnginesDisagree(
+                        model.name,
+                        f"joint {model.names[joint]}",
+                        quantity,
+                        apart,
+                        AGREEMENT,
+                        ("The compiled structure", "Pinocchio"),
+                        "Use --backend pinocchio.",
+                    )
 
 
 def without_inertia(model: pin.Model) -> pin.Model:

@@ -7,7 +7,6 @@ the vehicle's columns, in SI units, x forward, y left, z up.
 import numpy as np
 
 from ...base import InvalidInput as InvalidInput
-from ...core import AXES as AXES
 from ...core import GRAVITY as GRAVITY
 from ...core import Array as Array
 from ...core import Block as Block

@@ -132,10 +132,10 @@ class ListedSheet(VehicleSheet):
 
         Without added mass, a body in space has the ten parameters of a rigid one.
         """
-        from ...core import LEVEL
+        from ...core import SingleBody
 
         rigid = BodyInertia(self.mass, np.array(self.centre), np.diag(self.inertia)).matrix()
-        axes = list(LEVEL if self.plane else range(6))
+        axes = list(SingleBody.LEVEL if self.plane else range(6))
         added = None
         if self.plane or self.added_mass is not None:
             added = np.diag(self.added_mass or np.zeros(6))

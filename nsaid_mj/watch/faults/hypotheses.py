@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core import (
-    SMALL,
     Array,
     Cone,
     Indices,
+    KalmanFilter,
     ParameterSpace,
     PointMasses,
     SecondOrderSystem,
@@ -102,7 +102,7 @@ def inexact(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
     An effect outside the span of W biases the parameters closest to it, by amounts that vary with
     the motion. Without this hypothesis, it would be attributed to the most similar single fault.
     """
-    sizes = np.diag(np.maximum(np.abs(theta / system.space.scale), SMALL))
+    sizes = np.diag(KalmanFilter.sizes(theta, system.space.scale))
     none = nothing(system)
     return [
         none._replace(D=share * sizes, size=np.zeros(system.p), share=share) for share in _INEXACT

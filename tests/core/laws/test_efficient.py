@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 
 from nsaid_mj.core.laws.base import Estimates, State, Status
-from nsaid_mj.core.laws.cone.prior import drawn_inside
+from nsaid_mj.core.laws.cone.prior import Prior
 from nsaid_mj.core.laws.efficient.estimator import KalmanFilter
 from nsaid_mj.core.laws.efficient.noise import Noise, add_increment
 from nsaid_mj.core.laws.settings import EfficientConfig
@@ -29,7 +29,6 @@ from nsaid_mj.lab.plants.world.faults.kinds import Loss
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.setup import Setup
 from nsaid_mj.watch.misfit import CONTRADICTS, NONE, judged
-from nsaid_mj.watch.replay import replay
 from nsaid_mj.watch.state import keeping, moving_of
 
 
@@ -123,7 +122,7 @@ def test_the_local_norm_is_that_of_the_barriers_hessian() -> None:
     for name in ("bluerov2", "crazyflie", "remus100"):
         setup, rng = Setup.of(load(name)), np.random.default_rng(0)
         space = setup.system.space
-        cone, theta = Cone.of(space), drawn_inside(space, setup.plant.truth, 0.3, rng)
+        cone, theta = Cone.of(space), Prior(space, setup.plant.truth, 0.3).draw(rng)
         step = 0.1 * space.scale * rng.standard_normal(len(space))
         _, hessian = cone.derivatives(theta)
         expected = np.sqrt(step @ hessian @ step)
@@ -160,7 +159,7 @@ def test_a_robot_does_not_change_the_next_ones_filter_in_the_same_process() -> N
         log = Log(t, np.cumsum(v, axis=0) * 0.01, noisy, rng.standard_normal(v.shape))
         alone = KalmanFilter(system, 0.01, EfficientConfig())
         theta = system.space.scale
-        kalman = replay(alone, theta, alone.covariance(theta), log).filter
+        kalman = alone.replay(theta, alone.covariance(theta), log).filter
         return kalman.theta, kalman.Ptt
 
     chain, fork = three_joints(2), three_joints(1)

@@ -14,13 +14,13 @@ import numpy as np
 
 from ....core import (
     KINDS,
-    LEVEL,
     Array,
     Column,
     Kind,
     ParameterSpace,
     Rotor,
     SecondOrderSystem,
+    SingleBody,
     interpolated,
 )
 
@@ -200,7 +200,7 @@ def further_columns(
     system: SecondOrderSystem, names: frozenset[str], at: Mapping[str, int]
 ) -> Iterator[Column]:
     """The columns of `EXTRA`; `at` are the indices of parameters by name."""
-    axes = range(6) if system.group == 6 else LEVEL
+    axes = range(6) if system.group == 6 else SingleBody.LEVEL
     for name in sorted(names):
         if name == "manoeuvring":
             yield from _manoeuvring([at[parameter] for parameter in further_names(system, name)])

@@ -24,7 +24,7 @@ from ....core import (
     STRUCTURE,
     WORKSPACE,
     Array,
-    Structure,
+    SecondOrderSystem,
     StructureArrays,
     Workspace,
     act,
@@ -71,7 +71,7 @@ _rne = c_function("mj_rne", types.uintp, types.uintp, types.intc, types.uintp)
 class ColumnForces:
     """The forces on a plant beyond MuJoCo's."""
 
-    structure: Structure  # structure of the plant
+    system: SecondOrderSystem  # the plant's
     theta: Array  # (p,) the true θ, with 0 for parameters of MuJoCo's own bodies or actuators
     flow: Array  # (3,) velocity of the water or the air in the world [m/s]
 
@@ -88,24 +88,24 @@ class ColumnForces:
         head = [
             places[-1],
             lagged,
-            self.structure.n_u,
-            self.structure.has_added_inertia(self.theta),
+            self.system.n_u,
+            self.system.structure.has_added_inertia(self.theta),
             *self.flow,
             reading.group,
             reading.free[0],
-            self.structure.acts_on_bodies(self.theta),
+            self.system.structure.acts_on_bodies(self.theta),
         ]
         flat = [np.ascontiguousarray(part).ravel().view(np.float64) for part in parts]
         return np.concatenate([head, np.ravel(layout), *flat], dtype=np.float64)
 
     def _parts(self, dofs: Any) -> list[Any]:
         """The parts of the userdata, with the places of all velocities (n, 4)."""
-        n = self.structure.n
-        work, slopes = self.structure.memory()
-        own = [np.zeros(size) for size in (self.structure.m, n, n, 9, n, n, (n, n), (n, n))]
+        n = self.system.n
+        work, slopes = self.system.structure.memory()
+        own = [np.zeros(size) for size in (self.system.m, n, n, 9, n, n, (n, n), (n, n))]
         theta = np.array(self.theta, dtype=np.float64)
         return [
-            *self.structure.acting_arrays(theta),
+            *self.system.structure.acting_arrays(theta),
             dofs,
             theta,
             *own,
@@ -117,14 +117,16 @@ class ColumnForces:
     @property
     def size(self) -> int:
         """Length of `numbers`."""
-        parts = self._parts(np.zeros((self.structure.n, 4), dtype=np.int64))
+        parts = self._parts(np.zeros((self.system.n, 4), dtype=np.int64))
         return _HEADER + sum(part.size for part in parts)
 
     @property
     def gain_places(self) -> list[list[int]]:
         """For every command, the indices in `numbers` of its actuator's parameters."""
-        start = _HEADER + sum(part.size for part in self.structure.arrays) + 4 * self.structure.n
-        return [[start + k for k in own] for own in self.structure.gains_of_commands()]
+        start = (
+            _HEADER + sum(part.size for part in self.system.structure.arrays) + 4 * self.system.n
+        )
+        return [[start + k for k in own] for own in self.system.structure.gains_of_commands()]
 
 
 class _ForceWorkspace(NamedTuple):
