@@ -30,6 +30,9 @@ from .laws.config import NullspaceAID as NullspaceAID
 # Adaptive identification with parameters assumed known.
 from .laws.conventional import ConventionalAID as ConventionalAID
 
+# The descent of an estimate along a slope, in a metric.
+from .laws.descent import Descent as Descent
+
 # An extended Kalman filter of (q, v, θ), for measurements dt [s] apart; see `kalman`.
 from .laws.efficient.estimator import KalmanFilter as KalmanFilter
 
@@ -38,9 +41,6 @@ from .laws.efficient.estimator import Replay as Replay
 
 # State of the filter at a sample. All arrays are overwritten by `follow_filter`.
 from .laws.efficient.filter import FilterState as FilterState
-
-# A Kalman filter of (q, v, θ), guarded by a memory.
-from .laws.efficient.law import EfficientIdentifier as EfficientIdentifier
 
 # Differences between the acting and the recorded signals of actuators and sensors.
 from .laws.efficient.signals import Signals as Signals
@@ -81,14 +81,8 @@ from .numerics.kernels import helper as helper
 # Marks a function that Python calls, or several compiled ones; see `Kernel`.
 from .numerics.kernels import kernel as kernel
 
-# A kernel with a function's text, in which some global names have the meanings for a class.
-from .numerics.kernels import kernel_for as kernel_for
-
 # Marks a larger function, which need not become part of every function that calls it.
 from .numerics.kernels import routine as routine
-
-# Writes the numbers of an array (k,) into another: faster than a slice where k is small.
-from .numerics.linalg import copy_into as copy_into
 
 # Overwrites b in x (n,) with M⁻¹ b, reading M's lower triangle; returns the smallest pivot.
 from .numerics.linalg import solve_positive as solve_positive
@@ -183,12 +177,6 @@ from .structure.blocks import Term as Term
 # All kinds of columns, by name.
 from .structure.columns import KINDS as KINDS
 
-# A curve through `values` at increasing commands; constant beyond the ends.
-from .structure.columns.curve import interpolated as interpolated
-
-# A curve by its coefficients of u, u|u|, u³, u³|u| and so on.
-from .structure.columns.curve import polynomial as polynomial
-
 # A kind of column of F.
 from .structure.columns.kind import Kind as Kind
 
@@ -251,9 +239,6 @@ from .structure.parts import Operation as Operation
 
 # Inertia that turns or slides with a joint alone: a motor's rotor.
 from .structure.parts import Rotor as Rotor
-
-# What point masses fixed to a body change in θ.
-from .structure.payload import PointMasses as PointMasses
 
 # M ν̇ + C(ν) ν = F θ (4) of one body in space, in the plane, or along the vertical.
 from .structure.single_body import SingleBody as SingleBody

@@ -325,7 +325,7 @@ def packed(kind: Kind, column: Column) -> list[float]:
             raise InvalidInput(f"{kind.name}.{name}", f"{size} numbers", f"{len(value)}", "")
         if size == CURVE and len(value) != 1 + (value[0] if value[0] > 0 else -2 * value[0]):
             raise InvalidInput(
-                f"{kind.name}.{name}", "a curve", value.tolist(), "See `columns.curve.polynomial`."
+                f"{kind.name}.{name}", "a curve", value.tolist(), "See `Column.polynomial`."
             )
         if not (np.isfinite(value) | (default is not None and default == np.inf)).all():
             raise InvalidInput(f"{kind.name}.{name}", "finite numbers", value.tolist(), "")

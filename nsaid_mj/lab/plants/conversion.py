@@ -10,11 +10,10 @@ from ...base import InvalidInput as InvalidInput
 from ...core import GRAVITY as GRAVITY
 from ...core import Array as Array
 from ...core import Block as Block
-from ...core import Column as Column
+from ...core import Column
 from ...core import Inertia as Inertia
 from ...core import Operation as Operation
 from ...core import Term as Term
-from ...core import polynomial
 from ..fields import Share as Share
 from .rotors import rotor_terms as rotor_terms
 from .single_track import operation as operation
@@ -43,4 +42,4 @@ def odd(*coefficients: float) -> Array:
     """A curve by its coefficients of u, u³, u⁵ and so on."""
     spread = np.zeros(2 * len(coefficients) - 1)
     spread[::2] = coefficients
-    return polynomial(*spread)
+    return Column.polynomial(*spread)

@@ -86,11 +86,11 @@ class ColumnRow(SheetTable):
 
     def column(self, parameter: int) -> Column:
         """The column of the structure; `parameter` is its index in the block."""
-        from ...core import polynomial
+        from ...core import Column
 
         constants: dict[str, Any] = dict(self.__pydantic_extra__ or {})
         if "curve" in constants:
-            constants["curve"] = polynomial(*constants["curve"])
+            constants["curve"] = Column.polynomial(*constants["curve"])
         number = -1 if self.command is None else self.command - 1
         return Column(self.kind, parameter, body=0, input=number, **constants)
 

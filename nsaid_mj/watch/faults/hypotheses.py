@@ -18,7 +18,6 @@ from ...core import (
     Indices,
     KalmanFilter,
     ParameterSpace,
-    PointMasses,
     SecondOrderSystem,
 )
 from .evidence import Jump
@@ -244,11 +243,11 @@ def _payloads(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
     therefore start with a ball of typical mass at the joint.
     """
     space = system.space
-    masses = PointMasses(space)
+    masses = system.point_masses
     name = masses.carrier
     bodies = {block.name: place for block, place in space if block.geometry == "pseudo_inertia"}
     if name not in bodies:
-        return [_submerged_payload(space)] if masses.submerged else []
+        return [_submerged_payload(system)] if masses.submerged else []
     place = bodies[name]
     whole = sum(float(space.scale[at][0]) for at in bodies.values())
     scale = space.scale[place]
@@ -267,10 +266,11 @@ def _payloads(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
     return found
 
 
-def _submerged_payload(space: ParameterSpace) -> Hypothesis:
+def _submerged_payload(system: SecondOrderSystem) -> Hypothesis:
     """A payload on a body in water."""
+    space = system.space
     mass = float(space.scale[space["mass matrix"]][0])
-    masses = PointMasses(space)
+    masses = system.point_masses
     own = masses.change(mass, np.zeros(3))
     reach = 0.3
     arms = [masses.change(mass, reach * e) - own for e in np.eye(3)]

@@ -27,7 +27,7 @@ from nsaid_mj.base.errors import NotWritten
 from nsaid_mj.base.files import OutputFile, OutputFolder
 from nsaid_mj.core.laws.faults import FaultEvent
 from nsaid_mj.core.log import Log
-from nsaid_mj.core.structure.columns.curve import LINEAR, polynomial
+from nsaid_mj.core.structure.columns.curve import LINEAR
 from nsaid_mj.core.structure.joints import JointTree
 from nsaid_mj.core.structure.parts import Body, Column, Inertia
 from nsaid_mj.core.structure.structure import Structure
@@ -519,7 +519,7 @@ class Sled(SecondOrderSystem):
         )
         mounts = np.array([[-1.0, 0, 0], [0, 0.5, 0], [np.nan] * 3, [1, 0, 0], [1, 0, 0]])
         x, y = np.eye(3)[:2]
-        weak = polynomial(0.02 / 9)  # at the command 9
+        weak = Column.polynomial(0.02 / 9)  # at the command 9
         columns = [
             Column("thruster", 1, body=0, input=0, point=-0.3 * y, direction=x),
             Column("thruster", 2, body=0, input=1, point=0.4 * x, direction=y),

@@ -21,7 +21,6 @@ from ....core import (
     Rotor,
     SecondOrderSystem,
     SingleBody,
-    interpolated,
 )
 
 # -- a tree of joints ------------------------------------------------------------------------------
@@ -180,7 +179,7 @@ MANOEUVRES = (
 against, and the unit of the force: −|u| v, −u r, −|v| v … (Abkowitz, Lectures on ship
 hydrodynamics, 1964)."""
 
-_FLAT = interpolated(np.array([0.0, 1.0]), np.ones(2))  # a curve that no command changes
+_FLAT = Column.interpolated(np.array([0.0, 1.0]), np.ones(2))  # a curve that no command changes
 
 
 def offered(system: SecondOrderSystem, name: str) -> bool:

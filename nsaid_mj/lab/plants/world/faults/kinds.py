@@ -236,15 +236,11 @@ class Payload(PlantFault):
 
     def added(self, system: SecondOrderSystem) -> Array:
         """The inertial parameters of a point mass; in water also its weight and moment."""
-        from .....core import PointMasses
-
-        return PointMasses(system.space).change(self.mass, np.array(self.place), self.link)
+        return system.point_masses.change(self.mass, np.array(self.place), self.link)
 
     def what(self, system: SecondOrderSystem) -> str:
         """Such as `1 kg on link 6 is picked up`."""
-        from .....core import PointMasses
-
-        return f"{self.mass:g} kg on {self.link or PointMasses(system.space).carrier} is picked up"
+        return f"{self.mass:g} kg on {self.link or system.point_masses.carrier} is picked up"
 
 
 # -- sensors ---------------------------------------------------------------------------------------
