@@ -216,12 +216,6 @@ from .structure.joints import JointTree as JointTree
 # Writes the rotation matrix (9), body to world, of the unit quaternion (x, y, z, w) q[at].
 from .structure.kinematics import write_rotation as write_rotation
 
-# A `JointTree` whose regressors are the structure's: Pinocchio's numbers, much faster.
-from .structure.multibody import CompiledMultibody as CompiledMultibody
-
-# A `JointTree` whose links have Pinocchio's regressors, without a vehicle: the reference.
-from .structure.multibody import Multibody as Multibody
-
 # What drives a joint: a torque in proportion to the command, or to a distance from it.
 from .structure.parts import Actuator as Actuator
 

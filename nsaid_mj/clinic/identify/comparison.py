@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...base import CHOICES, InvalidInput
-from ...core import Array, CompiledMultibody, JointScales, Prior, SensorLevels
+from ...core import Array, JointScales, JointTree, Prior, SensorLevels
 from ...lab import BUDGET, sysid, toolbox
 from ...robots import (
     BadRobot,
@@ -247,7 +247,7 @@ def by_toolbox(
     rotor, viscous, coulomb, gain = prior[-4 * n :].reshape(4, n)
     masses = prior[: -4 * n : 10]
     scales = JointScales(masses, np.ones_like(masses), viscous, coulomb, gain, one, one, rotor)
-    system = CompiledMultibody(robot.model, scales, speeds)
+    system = JointTree.checked(robot.model, scales, speeds)
     logs = [delayed(s, made.delays).log for s in recordings.segments]
     sign = np.sign(robot.gain)
     logs = [log._replace(q=robot.system.position(log.q), u=log.u * sign) for log in logs]

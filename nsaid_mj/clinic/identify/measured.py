@@ -16,7 +16,6 @@ from ...base import InvalidInput, Number, Positive, config
 from ...core import (
     Block,
     Column,
-    CompiledMultibody,
     Geometry,
     JointTree,
     NullspaceAID,
@@ -123,7 +122,7 @@ def _arm(model: RobotModel, gain: float | None) -> RobotDescription:
     scales = replace(
         nominal, rotor=rotor, gain=gains, command=command, driven=tuple(driven), **friction
     )
-    system = CompiledMultibody(tree, scales, np.full(k, _FRICTION_SPEED))
+    system = JointTree.checked(tree, scales, np.full(k, _FRICTION_SPEED))
     prior = np.concatenate([file_links(tree), rotor, viscous, coulomb, gains])
     prior = Prior(system.space, prior, 0.0).draw(np.random.default_rng(0))
     return RobotDescription(system, prior, model.visuals)

@@ -26,6 +26,7 @@ from ..parameters import Array, Block, ParameterSpace
 from .blocks import Term, mounts_of, placed
 from .columns import KINDS
 from .parts import Actuator, Body, Inertia, Operation, Rotor
+from .pinocchio_links import PinocchioLinks
 from .structure import Structure
 from .system import SecondOrderSystem
 
@@ -86,7 +87,7 @@ class JointTree(SecondOrderSystem):
 
     With position servos, whose commands are targets, the last term is diag(k) (u − q). Friction is
     `viscous·v + coulomb·tanh(v/friction_speed)`. The root may be a free flyer, that of a vehicle
-    with thrusters too (4–6); the joints' commands come first. Subclasses supply the regressors.
+    with thrusters too (4–6); the joints' commands come first.
 
     C is Pinocchio's: with R_g and R_0 the joint torque regressors with and without gravity,
     C(q, v) w = R_0(q, (v+w)/2, ½[v, w]) π − R_0(q, (v−w)/2, 0) π, whose Ṁ − 2C is skew. [v, w] is
@@ -162,6 +163,25 @@ class JointTree(SecondOrderSystem):
         self.scales = scales
         self.friction_speed = speed
         self._speed = np.concatenate([own.operation.velocity[1], scales.speed])
+
+    @classmethod
+    def checked(cls, model: pin.Model, scales: JointScales, friction_speed: Array) -> JointTree:
+        """A tree after its comparison with Pinocchio, see `check_consistency`."""
+        tree = JointTree(model, scales, friction_speed)
+        tree.check_consistency()
+        return tree
+
+    @classmethod
+    def by_pinocchio(
+        cls, model: pin.Model, scales: JointScales, friction_speed: Array
+    ) -> JointTree:
+        """A tree whose links have Pinocchio's regressors: the reference, which is slower.
+
+        Rotors and the forces on joints are the structure's.
+        """
+        tree = JointTree(model, scales, friction_speed)
+        tree.reference = PinocchioLinks(tree)
+        return tree
 
     @classmethod
     def links(

@@ -59,7 +59,7 @@ class SecondOrderSystem(SensedKinematics, ABC):
         n: number of velocities.
         m: number of positions.
         n_u: number of commands.
-        reference: the source of the links' regressors, a `multibody.PinocchioLinks`; None where all
+        reference: the source of the links' regressors, a `PinocchioLinks`; None where all
             are the structure's.
     """
 

@@ -62,7 +62,7 @@ class JointedPlant(KnownPlant, ABC):
         Raises:
             BadRobot: the robot cannot be simulated, or has no joint for a motor.
         """
-        from ...core import CompiledMultibody, Multibody
+        from ...core import JointTree
         from ...robots import load_robot
         from .arm import nominal_scales, published_theta
 
@@ -88,7 +88,8 @@ class JointedPlant(KnownPlant, ABC):
             gain = nominal.gain[driven]
             command = nominal.command[driven]
             nominal = replace(nominal, gain=gain, command=command, driven=tuple(driven))
-        structure = CompiledMultibody if self.backend == "compiled" else Multibody
+        compiled = self.backend == "compiled"
+        structure = JointTree.checked if compiled else JointTree.by_pinocchio
         speed = np.full(len(nominal.viscous), self.friction_speed)
         system = structure(robot.model, nominal, speed)
         joints = [block.name for block in system.space.blocks if block.geometry == "positive"]

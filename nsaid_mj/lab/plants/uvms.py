@@ -13,7 +13,6 @@ from ...core import (
     Array,
     Block,
     Carrier,
-    CompiledMultibody,
     Inertia,
     JointScales,
     JointTree,
@@ -102,7 +101,7 @@ def uvms() -> PublishedRobot:
     beyond = [each.nominal for each in terms]
     theta = np.concatenate([base.theta[:21], *inertial, links.added, *on_joints, *beyond])
     unsure = [(name, 1.0) for name in _UNSURE]
-    return PublishedRobot(base, CompiledMultibody(model, joints, speed, carrier), theta, unsure)
+    return PublishedRobot(base, JointTree(model, joints, speed, carrier), theta, unsure)
 
 
 class Cylinders(NamedTuple):

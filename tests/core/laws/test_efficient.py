@@ -17,8 +17,7 @@ from nsaid_mj.core.laws.settings import EfficientConfig
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.core.quotient.cone import Cone
-from nsaid_mj.core.structure.joints import JointScales
-from nsaid_mj.core.structure.multibody import CompiledMultibody
+from nsaid_mj.core.structure.joints import JointScales, JointTree
 from nsaid_mj.core.structure.system import SecondOrderSystem
 from nsaid_mj.lab.evaluation.bound import bound_figures
 from nsaid_mj.lab.evaluation.confidence import KnownDirections, known
@@ -139,20 +138,20 @@ def test_a_log_in_pieces_gives_the_same_estimates() -> None:
     np.testing.assert_array_equal(np.concatenate(rows), found.estimates.theta_hat[1:400])
 
 
-def three_joints(parent: int) -> CompiledMultibody:
+def three_joints(parent: int) -> JointTree:
     """Three hinges, the third of which is on the body of the joint `parent`, 1 or 2."""
     model, offset = pin.Model(), pin.SE3(np.eye(3), np.array([0.0, 0.1, 0.3]))
     for name, on, kind in (("a", 0, "RZ"), ("b", 1, "RY"), ("c", parent, "RX")):
         joint = model.addJoint(on, getattr(pin, f"JointModel{kind}")(), offset, name)
         model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), offset)
     scales = JointScales(*np.ones((7, 3)), rotor=np.full(3, 0.1))
-    return CompiledMultibody(model, scales, np.full(3, 0.1))
+    return JointTree.checked(model, scales, np.full(3, 0.1))
 
 
 def test_a_robot_does_not_change_the_next_ones_filter_in_the_same_process() -> None:
     """A fork's M is zero between its branches, where a chain's is not."""
 
-    def followed_alone(system: CompiledMultibody) -> tuple[np.ndarray, np.ndarray]:
+    def followed_alone(system: JointTree) -> tuple[np.ndarray, np.ndarray]:
         rng, t = np.random.default_rng(0), np.arange(100) * 0.01
         v = np.sin(t[:, None] * [3.0, 4.0, 5.0])
         noisy = v + 1e-3 * rng.standard_normal(v.shape)
@@ -239,8 +238,8 @@ def test_unmodelled_friction_is_contradicted_by_the_motion() -> None:
     """The arm's joints have Coulomb friction; the structure has the viscous part only."""
     found = followed("ur5", 10, 8.0)
     system = found.setup.system
-    assert isinstance(system, CompiledMultibody)
-    frictionless = CompiledMultibody(system.model, system.scales, np.full(6, 1e9))
+    assert isinstance(system, JointTree)
+    frictionless = JointTree.checked(system.model, system.scales, np.full(6, 1e9))
     rows = [system.space.index(f"coulomb_{joint}") for joint in range(1, 7)]
     t, q, v, u = found.log.at(500)
     assert np.abs(frictionless.F(t, np.hstack([q, v]), u)[:, rows]).max() < 1e-6

@@ -1,9 +1,10 @@
-"""Trees of joints with the structure's regressors, or with Pinocchio's, the reference."""
+"""The regressors of a tree's links by Pinocchio: the reference of the structure's, and slower."""
 
 from __future__ import annotations
 
 import ctypes
 import weakref
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,6 @@ from ...base import pin
 from ..log import Log
 from ..numerics.spatial import bracket
 from ..parameters import Array
-from .joints import Carrier, JointScales, JointTree
 from .motion import Motion, Outside
 
 DIFFERENCE = 1e-5
@@ -19,44 +19,13 @@ DIFFERENCE = 1e-5
 _REGRESSOR = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)
 
 
-class CompiledMultibody(JointTree):
-    """A `JointTree` whose regressors are the structure's: Pinocchio's numbers, much faster.
-
-    Without thrusters they are compared with Pinocchio's `computeJointTorqueRegressor`, `crba` and
-    `nonLinearEffects` on construction. Arguments are those of `JointTree`.
-
-    Raises:
-        EnginesDisagree: the structure and Pinocchio differ by more than `joints.AGREEMENT`.
-    """
-
-    def __init__(
-        self,
-        model: pin.Model,
-        scales: JointScales,
-        friction_speed: Array,
-        carrier: Carrier | None = None,
-    ):
-        super().__init__(model, scales, friction_speed, carrier)
-        if carrier is None:
-            self.check_consistency()
-
-
-class Multibody(JointTree):
-    """A `JointTree` whose links have Pinocchio's regressors, without a vehicle: the reference.
-
-    It is slower. Rotors and the forces on joints are the structure's. Arguments are those of
-    `JointTree`.
-    """
-
-    def __init__(self, model: pin.Model, scales: JointScales, friction_speed: Array):
-        super().__init__(model, scales, friction_speed)
-        self.reference = PinocchioLinks(self)
-
-
 class PinocchioLinks:
-    """The regressors of a tree's links by Pinocchio."""
+    """The regressors of a tree's links by Pinocchio.
 
-    def __init__(self, system: JointTree):
+    `system` is a `JointTree`, which imports this module.
+    """
+
+    def __init__(self, system: Any):
         self._system = system
         self._links = 10 * system.bodies
         light = pin.Model(system.model)
