@@ -75,9 +75,6 @@ from .nullspace.persistence import PersistenceMonitor as PersistenceMonitor
 # A split of θ/scale space into P_s(θ) and its orthogonal complement (32–36).
 from .nullspace.subspace import Nullspace as Nullspace
 
-# Marks a small function that becomes part of the compiled functions that call it.
-from .numerics.kernels import helper as helper
-
 # Marks a function that Python calls, or several compiled ones; see `Kernel`.
 from .numerics.kernels import kernel as kernel
 
@@ -186,9 +183,6 @@ from .structure.compiled import STRUCTURE as STRUCTURE
 # The type of `Workspace` in signatures of compiled functions.
 from .structure.compiled import WORKSPACE as WORKSPACE
 
-# The numbers as kernels read them: float64, C-contiguous, writable; a copy only if needed.
-from .structure.configuration_space import plain as plain
-
 # E with E Jᵀ = 0 and λ̂ of contacts at N samples: E W θ = 0 for every force of contact.
 from .structure.contacts import Elimination as Elimination
 
@@ -198,11 +192,8 @@ from .structure.inverse_dynamics import INVERSE_DYNAMICS as INVERSE_DYNAMICS
 # An arm's structure and the workspace of `write_required_force`, which calls overwrite.
 from .structure.inverse_dynamics import InverseDynamics as InverseDynamics
 
-# Angle or travel from joint i's position in q (m,) to a desired one, along the shorter arc.
-from .structure.inverse_dynamics import position_error as position_error
-
-# Writes M a + C v − F(u = 0) (n,) at θ (p,), position q (m,), v and acceleration a (n,).
-from .structure.inverse_dynamics import write_required_force as write_required_force
+# Writes the force (n,) of computed torque along a desired motion of an arm.
+from .structure.inverse_dynamics import write_tracking_force as write_tracking_force
 
 # The vehicle's part of a robot whose joints it carries.
 from .structure.joints import Carrier as Carrier
@@ -215,9 +206,6 @@ from .structure.joints import JointTree as JointTree
 
 # Writes the rotation matrix (9), body to world, of the unit quaternion (x, y, z, w) q[at].
 from .structure.kinematics import write_rotation as write_rotation
-
-# What drives a joint: a torque in proportion to the command, or to a distance from it.
-from .structure.parts import Actuator as Actuator
 
 # One term of F θ: a force of known direction and unknown size.
 from .structure.parts import Column as Column
@@ -236,9 +224,6 @@ from .structure.parts import Rotor as Rotor
 
 # M ν̇ + C(ν) ν = F θ (4) of one body in space, in the plane, or along the vertical.
 from .structure.single_body import SingleBody as SingleBody
-
-# Scalar product of 3-vectors.
-from .structure.spatial import dot3 as dot3
 
 # M(x, θ) v̇ + C(x, θ) v = F(t, x, u) θ (4), linear in θ (8, 9), with Ṁ − 2C skew.
 from .structure.system import SecondOrderSystem as SecondOrderSystem

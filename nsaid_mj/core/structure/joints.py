@@ -25,6 +25,7 @@ from ...base import EnginesDisagree, pin
 from ..parameters import Array, Block, ParameterSpace
 from .blocks import Term, mounts_of, placed
 from .columns import KINDS
+from .inverse_dynamics import InverseDynamics
 from .parts import Actuator, Body, Inertia, Operation, Rotor
 from .pinocchio_links import PinocchioLinks
 from .structure import Structure
@@ -200,6 +201,10 @@ class JointTree(SecondOrderSystem):
         tree = JointTree(model, scales, per_joint)
         space = ParameterSpace(tree.space.blocks[:bodies])
         return tree.rebuilt(replace(tree.structure, columns=(), rotors=(), p=len(space)), space)
+
+    def inverse_dynamics(self) -> InverseDynamics:
+        """The inverse dynamics of an arm on a fixed base, for compiled controllers."""
+        return InverseDynamics.of(self.structure.arrays, self.n)
 
     def link_blocks(
         self, mass: Sequence[float] | Array, length: Sequence[float] | Array

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from ...base import NonNegative, Positive, UnknownName, config
-from ...core import GRAVITY, Actuator
+from ...core import GRAVITY
 from ...robots import BadRobot, published_numbers
 from ..fields import Share
 from .world.config import KnownPlant, PlantConfig, PublishedRobot
@@ -52,7 +52,7 @@ class JointedPlant(KnownPlant, ABC):
     spread: Share = 0.2
     friction_speed: Positive = 0.05
     backend: Backend = "compiled"
-    actuator: Actuator | None = None
+    actuator: Literal["motor", "servo"] | None = None
     _base: ClassVar[Literal["held", "free"]] = "held"
     _refuses: ClassVar[tuple[str, ...]] = ("an arm in air", "flow", "fluid")
 

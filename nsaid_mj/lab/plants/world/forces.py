@@ -29,7 +29,6 @@ from ....core import (
     Workspace,
     act,
     act_on_joints,
-    helper,
     kernel,
     routine,
     solve_positive,
@@ -147,7 +146,7 @@ class _ForceWorkspace(NamedTuple):
 _MEMORY = types.NamedTuple((f8[::1],) * 6 + (f8[:, ::1],) * 2 + (f8[::1],) * 2, _ForceWorkspace)
 
 
-@helper(void(f8[::1], f8[::1], f8[::1], f8))
+@routine(void(f8[::1], f8[::1], f8[::1], f8))
 def _into_base(d, R, v, sign):
     """Adds the flow times a sign to the base's velocity in v (n,), and turns it into its axes."""
     size = 3 if d[_GROUP] == 6 else 2 if d[_GROUP] == 3 else 0
@@ -158,7 +157,7 @@ def _into_base(d, R, v, sign):
         v[i] = R[i] * x + R[3 + i] * y + R[6 + i] * z
 
 
-@helper(void(f8[::1], f8[::1], f8[::1]))
+@routine(void(f8[::1], f8[::1], f8[::1]))
 def _into_world(d, R, x):
     """Turns the base's linear part of a force x (n,) from its axes into the world's."""
     size = 3 if d[_GROUP] == 6 else 2 if d[_GROUP] == 3 else 0
@@ -170,7 +169,7 @@ def _into_world(d, R, x):
             x[i] = R[3 * i] * a + R[3 * i + 1] * b + R[3 * i + 2] * c
 
 
-@helper(void(f8[::1], i8[:, ::1], f8[::1], f8[::1], _MEMORY))
+@routine(void(f8[::1], i8[:, ::1], f8[::1], f8[::1], _MEMORY))
 def _read(d, dofs, qpos, qvel, own):
     """Writes q, both velocities and the base's axes, from MuJoCo's state."""
     q = own.q
@@ -198,7 +197,7 @@ def _read(d, dofs, qpos, qvel, own):
     _into_base(d, R, own.ground, 0.0)
 
 
-@helper(void(f8[::1], i8[:, ::1], WORKSPACE, _MEMORY))
+@routine(void(f8[::1], i8[:, ::1], WORKSPACE, _MEMORY))
 def _push(d, dofs, work, own):
     """Overwrites F θ − C_A v_r with M q̈ + bias, both of the base in the world's axes.
 
