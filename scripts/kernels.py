@@ -10,8 +10,7 @@ import time
 
 import nsaid_mj
 from nsaid_mj.core.laws.cone.law import ConeMetric
-from nsaid_mj.core.laws.descent import descent_in
-from nsaid_mj.core.laws.metric import ConstantMetric
+from nsaid_mj.core.laws.metric import ConstantMetric, descent_in
 from nsaid_mj.core.laws.rk4 import flow_in, flow_together_in
 from nsaid_mj.core.numerics import shipped
 from nsaid_mj.core.numerics.kernels import KERNELS

@@ -30,9 +30,6 @@ from .laws.config import NullspaceAID as NullspaceAID
 # Adaptive identification with parameters assumed known.
 from .laws.conventional import ConventionalAID as ConventionalAID
 
-# The descent of an estimate along a slope, in a metric.
-from .laws.descent import Descent as Descent
-
 # An extended Kalman filter of (q, v, θ), for measurements dt [s] apart; see `kalman`.
 from .laws.efficient.estimator import KalmanFilter as KalmanFilter
 
@@ -194,9 +191,6 @@ from .structure.inverse_dynamics import InverseDynamics as InverseDynamics
 
 # Writes the force (n,) of computed torque along a desired motion of an arm.
 from .structure.inverse_dynamics import write_tracking_force as write_tracking_force
-
-# The vehicle's part of a robot whose joints it carries.
-from .structure.joints import Carrier as Carrier
 
 # Data-sheet guesses for the b bodies and k joints of a robot.
 from .structure.joints import JointScales as JointScales

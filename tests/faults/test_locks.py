@@ -30,8 +30,8 @@ SHORT = replace(ROV, duration=0.5, held_out=0.2, pe_window=0.2)
 HOLD = """
 import sys, time
 from pathlib import Path
-from nsaid_mj.base.files import locked
-with locked(Path(sys.argv[1])):
+from nsaid_mj.base import OutputFolder
+with OutputFolder(Path(sys.argv[1])).locked():
     print("held", flush=True)
     time.sleep(600)
 """

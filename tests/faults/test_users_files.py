@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from nsaid_mj import NsaidError, base
+from nsaid_mj import NsaidError
 from nsaid_mj.base.errors import NotWritten
 from nsaid_mj.base.files import OutputFile
 from nsaid_mj.base.inputs import InputFile
@@ -162,7 +162,7 @@ def test_a_file_that_was_read_is_kept_by_whatever_path(spelled: str, tmp_path: P
     (tmp_path / "a" / "sub").mkdir(parents=True)
     file = tmp_path / "a" / "log.csv"
     OutputFile(file).write_text("mine")
-    with base.reading(file), pytest.raises(NotWritten, match="a file that was read"):
+    with InputFile.reading(file), pytest.raises(NotWritten, match="a file that was read"):
         OutputFile(SPELLED[spelled](file)).write_text("lost")
     assert file.read_text(encoding="utf-8") == "mine"
 
@@ -189,7 +189,7 @@ def mjcf(desk: Path) -> dict[str, Path]:
 def test_a_models_other_files_are_kept_too(name: str, tmp_path: Path) -> None:
     file = mjcf(tmp_path)[name]
     before = file.read_bytes()
-    with base.reading():
+    with InputFile.reading():
         load_tree(str(tmp_path / "main.xml"))
         with pytest.raises(NotWritten, match="a file that was read"):
             OutputFile(file).write_text("lost")

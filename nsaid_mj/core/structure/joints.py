@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -72,17 +72,6 @@ class JointScales:
     saturation: Array | None = None
 
 
-class Carrier(NamedTuple):
-    """The vehicle's part of a robot whose joints it carries."""
-
-    # fluid forces and thrust, which come last; commands count from the first thruster's
-    terms: list[Term]
-    operation: Operation  # ranges of the base's velocities, and of the thrusters' commands
-    # inertias of all bodies, and their blocks, which come first in θ; empty for rigid bodies
-    inertias: Sequence[Inertia] = ()
-    bodies: Sequence[Block] = ()
-
-
 class JointTree(SecondOrderSystem):
     """M(q, θ) v̇ + C(x, θ) v = −g(q, θ) − f(v, θ) + diag(k) u (5): motors on a tree's 1-DOF joints.
 
@@ -98,7 +87,11 @@ class JointTree(SecondOrderSystem):
         model: kinematics and gravity; its inertias are discarded.
         scales: data-sheet guesses, which become the scale of θ.
         friction_speed: (k,) joint speed at which Coulomb friction saturates [rad/s or m/s].
-        carrier: the vehicle at the root; None if all actuators are on joints.
+        terms: of a vehicle at the root, fluid forces and thrust, which come last in θ; commands
+            count from the first thruster's. None if all actuators are on joints.
+        operation: ranges of the root's velocities, and of the thrusters' commands.
+        inertias: of all bodies, if they are not rigid ones alone.
+        bodies: their blocks, which come first in θ.
 
     Attributes:
         model: Pinocchio's model without any inertia.
@@ -120,50 +113,56 @@ class JointTree(SecondOrderSystem):
         model: pin.Model,
         scales: JointScales,
         friction_speed: Array,
-        carrier: Carrier | None = None,
+        terms: Sequence[Term] | None = None,
+        operation: Operation | None = None,
+        inertias: Sequence[Inertia] = (),
+        bodies: Sequence[Block] = (),
     ):
-        model, bodies = without_inertia(model), bodies_of(model)
-        still = Operation.within(_BASE_SPEED * np.ones(6 if floats(model) else 0), np.zeros(0))
-        own = carrier or Carrier([], still)
-        if not own.bodies:
-            rigid = [Inertia(b, 10 * b) for b in range(len(bodies))]
-            links = _link_blocks(model, scales.mass, scales.length)
-            own = own._replace(inertias=rigid, bodies=links)
+        model = without_inertia(model)
+        tree = bodies_of(model)
+        if operation is None:
+            still = _BASE_SPEED * np.ones(6 if floats(model) else 0)
+            operation = Operation.within(still, np.zeros(0))
+        if not bodies:
+            inertias = [Inertia(b, 10 * b) for b in range(len(tree))]
+            bodies = _link_blocks(model, scales.mass, scales.length)
+        forces = terms or []
         speed = np.array(friction_speed, dtype=np.float64)
         joints = joint_terms(model, scales, speed)
-        blocks = [term.block for term in (*joints, *own.terms)]
-        space = ParameterSpace((*own.bodies, *blocks))
+        blocks = [term.block for term in (*joints, *forces)]
+        space = ParameterSpace((*bodies, *blocks))
         self.driven = np.array(range(len(speed)) if scales.driven is None else scales.driven, int)
         columns = placed(space, joints)
         # those of one body follow one another: kernels compute its surroundings once
-        carried = placed(space, own.terms, len(self.driven))
+        carried = placed(space, forces, len(self.driven))
         columns += sorted(carried, key=lambda column: (column.input >= 0, column.body))
         first = model.nv - len(speed)
-        start = sum(map(len, own.bodies))
+        start = sum(map(len, bodies))
         turning = range(0 if scales.rotor is None else len(speed))
         rotors = [Rotor(first + i, start + i) for i in turning]
-        low, high = own.operation.command
+        low, high = operation.command
         self.command_limits = np.r_[-scales.command, low], np.r_[scales.command, high]
         structure = Structure(
-            bodies,
-            own.inertias,
+            tree,
+            inertias,
             columns,
             len(space),
             len(self.command_limits[0]),
             rotors,
             model.gravity.linear.copy(),
         )
-        mounts = None if carrier is None else mounts_of(space, columns)
+        mounts = None if terms is None else mounts_of(space, columns)
         super().__init__(structure, space, mounts)
-        self.model, self.joints = model, moving_joints(model)
+        self.model = model
+        self.joints = moving_joints(model)
         self.joint_names = joint_names(model)
         self.own_names = self.joint_names
         self.body_names = body_names(model)
         self.slides = [_slides(joint) for joint in self.joints]
-        self.bodies = len(bodies)
+        self.bodies = len(tree)
         self.scales = scales
         self.friction_speed = speed
-        self._speed = np.concatenate([own.operation.velocity[1], scales.speed])
+        self._speed = np.concatenate([operation.velocity[1], scales.speed])
 
     @classmethod
     def checked(cls, model: pin.Model, scales: JointScales, friction_speed: Array) -> JointTree:

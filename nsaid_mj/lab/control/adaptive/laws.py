@@ -13,7 +13,6 @@ from ....core import (
     Array,
     ConeMetric,
     ConstantMetric,
-    Descent,
     Metric,
     ParameterSpace,
 )
@@ -40,7 +39,7 @@ class ControllerEstimate:
         """Returns to the prior."""
         self.theta = self._prior.copy()
         if self.metric is not None:
-            self._descent = Descent(self.metric, self.theta)
+            self._descent = self.metric.descent(self.theta)
 
     def learn(self, slope: Array, step: float) -> None:
         """Integrates the adaptation from sample to sample, `step` [s], with −Wᵀ s (p,) half-way.
