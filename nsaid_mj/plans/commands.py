@@ -111,8 +111,7 @@ def compare_methods(given: Mapping[str, Any], chosen: ToCompareMethods, folder: 
         budget=BUDGET if chosen.budget is None else chosen.budget,
         bound=chosen.bound,
     )
-    pictures = ("data_length.png", "noise.png", "wall_time.png")
-    files = (*COMPARE_FILES, "report.html", *pictures)
+    files = (*COMPARE_FILES, "report.html")
     with _finished(folder, chosen, files) as own:
         result, _ = run_comparison(study, own, quiet=chosen.quiet or chosen.json)
         if chosen.json:
@@ -180,7 +179,7 @@ def compare_trackers(given: Mapping[str, Any], chosen: ToTrack, folder: Path) ->
     from .track.tracking import TRACKING_FILES, tracking_plan
 
     study = tracking_plan(**given, laws=laws, seeds=seeds)
-    files = (*TRACKING_FILES, "report.html", "tracking.png", "tracking.rrd")
+    files = (*TRACKING_FILES, "report.html", "tracking.rrd")
     with _finished(folder, chosen, files) as own:
         result, _ = run_tracking(study, own, quiet=chosen.quiet or chosen.json)
         if chosen.json:
@@ -208,8 +207,7 @@ def draw_sweep(folder: Path) -> int:
     runs = read(folder)
     if runs.damaged:
         print(f"nsaid: {runs.damaged}; the same `nsaid sweep` makes them again", file=sys.stderr)
-    for path in write_sweep_page(runs):
-        print(printable(str(path)))
+    print(printable(str(write_sweep_page(runs))))
     return 0
 
 

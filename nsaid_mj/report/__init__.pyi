@@ -1,8 +1,5 @@
 """The door of `report`: what other houses may use."""
 
-# Indices of at most about `points` values that keep every peak.
-from .drawings import extremes as extremes
-
 # Panels as figures of a page; one alone, without any `others`, is twice as wide.
 from .drawings import figures_of as figures_of
 
@@ -96,9 +93,6 @@ from .panels import local_rms as local_rms
 # Indices of at most about `most` of `length` rows, evenly spaced, including first and last.
 from .panels import spread as spread
 
-# Indices of at most `points` of all rows, evenly spaced, including the first and the last.
-from .panels import thin as thin
-
 # Title of the section of correlations.
 from .parameters import CORRELATIONS as CORRELATIONS
 
@@ -119,27 +113,6 @@ from .parameters import table as table
 
 # The robot at positions q (m,) as a figure of a page; None without meshes, or finite q.
 from .picture import robot_picture as robot_picture
-
-# Width of a curve in a plot.
-from .plots import CURVE as CURVE
-
-# Labels columns 0, 1, 2 …; the labels are rotated if they are many or long.
-from .plots import categories as categories
-
-# Draws a panel's curves into axes.
-from .plots import curves as curves
-
-# Draws a curve with its name, by which the page finds its values; huge ones are left out.
-from .plots import line as line
-
-# Makes an axis logarithmic, with at most `most` ticks at round numbers over any range.
-from .plots import logarithmic as logarithmic
-
-# A figure of a page, drawn by a function of its axes; its legend has all labelled curves.
-from .plots import page_figure as page_figure
-
-# Writes a grid of panels as PNG, atomically, each drawn by a function of its axes.
-from .plots import png_of as png_of
 
 # Layout of a finished run, of the curves in its recording.
 from .recording.layout import blueprint as blueprint
@@ -207,17 +180,8 @@ from .svg import Axes as Axes
 # One of the two directions of axes.
 from .svg import Side as Side
 
-# An SVG element of axes; its ids begin with a hash of it, so that they are unique on a page.
-from .svg import drawing as drawing
-
-# Prints a line for each finding, notes dimmed; of many of one level it counts the rest.
-from .terminal import print_findings as print_findings
-
 # Prints a page; the written files, or other last lines, come after a blank line.
 from .terminal import print_page as print_page
-
-# Prints badges, texts, lists and tables, each indented by two characters.
-from .terminal import print_panels as print_panels
 
 # An estimate and its 95 % interval, rounded to two digits of the interval's half-width.
 from .wording import estimate as estimate

@@ -277,16 +277,13 @@ def write(folder: Path, study: Study, rows: Sequence[Row]) -> None:
 
 @single_threaded
 def run_comparison(study: Study, folder: Path, quiet: bool = False) -> tuple[Result, list[Row]]:
-    """Runs a comparison, writes its files and plots, and prints its page; see `carried_out`."""
+    """Runs a comparison, writes its files, and prints its page; see `carried_out`."""
     columns = sum(len(compared_at(study, noise)) for noise in study.vary["noise"])
     total = columns * len(study.seeds) * len(study.vary["duration"])
 
     def draw(rows: list[Row]) -> tuple[Page, list[Path]]:
-        runs = runs_of(folder, study.manifest, rows)
-        drawn = compare_report.lines(runs)
-        plots = compare_report.write_pictures(folder, drawn)
-        page = compare_report.page_of(runs, drawn)
-        return page, [*(folder / name for name in COMPARE_FILES), *plots]
+        page = compare_report.page_of(runs_of(folder, study.manifest, rows))
+        return page, [folder / name for name in COMPARE_FILES]
 
     made = partial(compare, study)
     write_all = partial(write, folder, study)

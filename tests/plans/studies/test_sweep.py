@@ -319,8 +319,7 @@ def test_runs_that_never_converged_count_as_infinite(sweep: Runs) -> None:
 
 
 def test_the_page_shows_every_combination_and_is_well_formed(sweep: Runs) -> None:
-    page, picture = write_sweep_page(sweep)
-    assert picture.read_bytes().startswith(b"\x89PNG")
+    page = write_sweep_page(sweep)
     text = page.read_text(encoding="utf-8")
     shown = Page.of(text)
     assert len(shown.ids) == len(set(shown.ids))
@@ -334,9 +333,8 @@ def test_the_page_shows_every_combination_and_is_well_formed(sweep: Runs) -> Non
     panels = 2 if converged else 1  # no run failed: no panel of failures
     assert text.count('role="img"') == panels * len(FIELDS)
     assert not re.findall(r"https?:|<script|<link|<img|src=", unscripted(text))
-    before = text, picture.read_bytes()
     write_sweep_page(sweep)
-    assert (page.read_text(encoding="utf-8"), picture.read_bytes()) == before
+    assert page.read_text(encoding="utf-8") == text
 
 
 def test_the_page_escapes_all_text_of_manifest_and_rows(sweep: Runs, tmp_path: Path) -> None:
@@ -354,7 +352,7 @@ def test_the_page_escapes_all_text_of_manifest_and_rows(sweep: Runs, tmp_path: P
     rows[1] |= {"status": evil}
     folder = tmp_path / evil.replace("/", "|")
     folder.mkdir()
-    text = write_sweep_page(Runs(folder, manifest, rows))[0].read_text(encoding="utf-8")
+    text = write_sweep_page(Runs(folder, manifest, rows)).read_text(encoding="utf-8")
     assert "<script" not in unscripted(text)
     assert unescape(text).count("<script>") > 15
     shown = Page.of(text)
@@ -463,7 +461,7 @@ def test_a_run_that_dies_or_hangs_does_not_affect_the_others(
     assert found.rows[-1]["theta_perp_ratio"] > 0
     assert "is_killed" in found.command(found.rows[2])
     assert str(found.rows[2]["seed"]) in found.command(found.rows[2])
-    page = write_sweep_page(found)[0].read_text()
+    page = write_sweep_page(found).read_text()
     assert all(words in page for words in why.values() if words)
     table = pq.read_table(tmp_path / "out" / TABLE)
     assert table["failure"].null_count == 1
