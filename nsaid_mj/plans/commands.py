@@ -121,9 +121,7 @@ def compare_methods(given: Mapping[str, Any], chosen: ToCompareMethods, folder: 
 
 def sweep_scenario(given: Mapping[str, Any], chosen: ToSweep, folder: Path) -> int:
     """Executes `nsaid sweep`: runs a scenario with varied fields and seeds."""
-    from ..lab import varied
-
-    vary = varied(chosen.vary, given["scenario"])
+    vary = given["scenario"].varied(chosen.vary)
     check_choice("engine", chosen.engine)
     from .studies.engine import Engine
     from .studies.sweep import run_sweep, sweep_document, sweep_plan, sweep_result
@@ -191,9 +189,10 @@ def _finished(
     folder: Path, chosen: ToCompareMethods | ToTrack, files: Sequence[str]
 ) -> AbstractContextManager[Path]:
     """Context with the folder of a study that is not resumed: a finished one needs --force."""
-    from ..lab import folder_for_results
+    from ..lab import OutputFolder
 
-    return folder_for_results(folder.name, chosen.out, chosen.force, files, "a finished study")
+    own = OutputFolder(chosen.out, chosen.force)
+    return own.of_results(folder.name, files, "a finished study")
 
 
 def draw_sweep(folder: Path) -> int:

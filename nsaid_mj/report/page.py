@@ -14,14 +14,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from ..base import write_text
 from ..core import ABSENT
 from .panels import BAD, BAND, COLOURS, DASHES, GRID, INK, PALE
 from .result import LEVELS, Mark, Result, gathered
 
-REPORT_FILE = "report.html"
 _TEMPLATES = Path(__file__).parent / "templates"
 _ROOM = 88  # of a table on a recording's first page [characters], and between two columns
 _GAP = 1
@@ -210,8 +209,9 @@ class Page:
     versions: dict[str, str] = field(default_factory=dict)
     # whether the terminal shows all findings with their codes, and notes below the sections
     detailed: bool = False
+    FILE: ClassVar = "report.html"
 
-    def write_html(self, folder: Path, name: str = REPORT_FILE) -> Path:
+    def write_html(self, folder: Path, name: str = FILE) -> Path:
         """Writes the page atomically into a folder and returns its path."""
         path = folder / name
         write_text(path, render_html(self))

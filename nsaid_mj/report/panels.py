@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +59,8 @@ DIFFERENCE = "error, rms over short intervals"
 UNSURE = "not identified by itself"
 UNUSED = "not used"
 _INTERVALS = 150  # number of intervals over which errors are averaged
+_CORRELATED = 20  # parameters whose correlations are drawn, at most: more labels are unreadable
+_STRONG = 0.5  # correlation from which a pair is drawn
 BAND = "band"
 PALE = "pale"
 """Instead of a dash pattern: the legend's entry is a shaded area, or a wide pale line."""
@@ -125,6 +128,12 @@ class Panel:
         """
         place = len(self.curves) if place is None else place
         self.curves.append(Curve(t, values, name, place, *(band or (None, None)), part=part))
+
+    def add_rms(
+        self, t: Array, values: Array, name: str, place: int, part: tuple[str, ...] = ()
+    ) -> None:
+        """Adds the rms, over short intervals of t (N,) [s], of all numbers in rows (N, …)."""
+        self.add(*local_rms(t, values), name, place=place, part=part)
 
     def add_columns(
         self,
@@ -195,6 +204,19 @@ class HeatMap:
     names: list[str]  # (k) names of rows and columns
     correlation: Array  # (k, k), symmetric
     wide: bool = True
+    MEANING: ClassVar = (
+        "Two parameters of strong colour are determined together by this motion: one known value "
+        "narrows the other. Shown are the parameters with the strongest correlations, from 0.5 on."
+    )
+
+    @staticmethod
+    def of_strongest(labels: Sequence[str], r: Array) -> list[HeatMap]:
+        """Correlations (k, k) of those in the strongest pairs; no heat map if all are weak."""
+        strongest = np.abs(r - np.diag(np.diag(r))).max(axis=1, initial=0.0)
+        order = np.argsort(-strongest, kind="stable")[:_CORRELATED]
+        rows = sorted(k for k in order.tolist() if strongest[k] >= _STRONG)
+        strong = [labels[int(k)] for k in rows]
+        return [HeatMap("", strong, r[np.ix_(rows, rows)])] if len(rows) > 1 else []
 
     @property
     def legend(self) -> list[tuple[str, str, str]]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...base import InvalidInput, numbers_in, print_json, printable, write_json, write_text
-from ...lab import check_writable, folder_for_results
+from ...lab import OutputFolder
 from ...report import ExitCode
 from ...robots import asset
 from .checks import check_identify, check_inspect, known_number, names_in
@@ -47,7 +47,7 @@ def identify_log(chosen: ToIdentify) -> int:
     name = f"{Path(model).stem}-identify"
     files = files_of_results(model)
     with (
-        folder_for_results(name, chosen.out, chosen.force, files, "results") as folder,
+        OutputFolder(chosen.out, chosen.force).of_results(name, files, "results") as folder,
         limited_to(chosen.limit * 1e9),
     ):
         return _identify(model, chosen, folder)
@@ -265,7 +265,7 @@ def inspect_log(chosen: ToInspect) -> int:
     """
     if not chosen.logs:
         raise InvalidInput("logs", "one or more files", "none", "Such as `nsaid inspect log.csv`.")
-    check_writable(chosen.out)
+    OutputFolder(chosen.out).check_writable()
     check_inspect(chosen)
     from ...base import writing
     from ..logs.formats import limited_to

@@ -10,18 +10,12 @@ import rerun as rr
 
 from ...base import InvalidInput
 from ...core import Log, Measurement, SecondOrderSystem, State
-from ...report import (
-    EXCITATION_LEVELS,
-    Lines,
-    Plots,
-    Scene,
-    application,
-    groups,
-    live_blueprint,
-)
+from ...report import Lines, Plots, Scene, live_recording
+from ..evaluation.labels import EXCITATION_LEVELS, groups
 from ..observer import Observer, RobotDescription
 from ..scenario import Scenario
 from .forces import ESTIMATED, Arrows, drawing_words, mounts_of
+from .layout import pages_of_live_run
 from .viewer import (
     GRPC_PORT,
     LOCAL,
@@ -124,10 +118,9 @@ class LiveRecording(Observer):
             self._arrows = Arrows(system, camera.size, rows, self._space.scale)
         magnified = self._arrows.magnified if self._arrows else None
         drawn = drawing_words("Estimated (orange): forces" if self._arrows else "", magnified)
-        layout = live_blueprint(self._space, camera, drawn)
+        pages = pages_of_live_run(self._space, camera, drawn)
         address = self._open() if has_display() else self._serve()
-        rec = rr.RecordingStream(application(f"{self._name} live"))
-        rec.connect_grpc(address, default_blueprint=layout)
+        rec = live_recording(address, f"{self._name} live", pages)
         self._scene.log_shapes(rec, camera, ghost=self._arrows is not None)
         if self._arrows:
             self._arrows.log_style(rec, ESTIMATED)

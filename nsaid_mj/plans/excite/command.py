@@ -13,7 +13,7 @@ from ...base import (
     print_json,
     read_input,
 )
-from ...lab import folder_for_results
+from ...lab import OutputFolder
 from ...report import ExitCode
 from ...robots import check_model
 from .limits_file import read_limits_file
@@ -55,7 +55,7 @@ def design_experiment(chosen: ToDesign) -> int:
     scenario = _scenario(chosen)
     path = Path(chosen.model or chosen.scenario)
     name = path.absolute().parent.name if path.name == "vehicle.toml" else path.stem
-    own = folder_for_results(f"{name}-excite", chosen.out, chosen.force, FILES, "a design")
+    own = OutputFolder(chosen.out, chosen.force).of_results(f"{name}-excite", FILES, "a design")
     with own as folder:
         return _designed_in(folder, name, scenario, chosen)
 

@@ -29,7 +29,6 @@ from ...lab import (
     Scenario,
     Setup,
     Truth,
-    bound_figures,
     sysid,
 )
 from ...report import Page, Result
@@ -199,10 +198,8 @@ class ComparedPlant:
 
     def _bound(self, duration: float, log: Log) -> Row:
         """The figures of estimates that attain the Cramér–Rao bound."""
-        truth = Truth(self._setup, duration)
-        judge = self._judge(duration)
         try:
-            figures = bound_figures(truth, judge, log, self._setup.scenario.noise.levels)
+            figures = self._judge(duration).bound(log, self._setup.scenario.noise.levels)
         except NsaidError as error:
             return row_of(BOUND, *self._key, duration, failure=str(error))
         return row_of(BOUND, *self._key, duration) | figures

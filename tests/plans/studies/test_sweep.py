@@ -21,7 +21,7 @@ from nsaid_mj.core.laws.base import Status
 from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run as run_alone
-from nsaid_mj.lab.scenario import Scenario, field_at, varied
+from nsaid_mj.lab.scenario import Scenario, field_at
 from nsaid_mj.plans.studies.engine import Engine
 from nsaid_mj.plans.studies.folder import ROWS, TABLE, _column, read
 from nsaid_mj.plans.studies.one_run import time_to_converge
@@ -217,13 +217,13 @@ def test_another_sweeps_folder_is_refused(
 )
 def test_a_bad_field_or_value_is_refused(text: str, error: type[Exception], said: str) -> None:
     with pytest.raises(error, match=said):
-        varied([text], ROV)
+        ROV.varied([text])
 
 
 def test_swept_values_have_their_fields_types() -> None:
     base = load("bluerov2")
-    found = varied(
-        ["law=paper,cone", "gain_error=None,0.1", "mismatch.flow=0 0 0,1 2 3", "tones=3"], base
+    found = base.varied(
+        ["law=paper,cone", "gain_error=None,0.1", "mismatch.flow=0 0 0,1 2 3", "tones=3"]
     )
     assert found == {
         "identifier.law": ("paper", "cone"),
@@ -242,7 +242,7 @@ def test_an_impossible_plan_is_refused() -> None:
     with pytest.raises(InvalidInput, match="duplicates"):
         plan_of("scalar_rov", ROV, {"identifier.gain": (1.0, 1.0)})
     with pytest.raises(InvalidInput, match="every field once"):
-        varied(["tones=3", "excitation.tones=4"], ROV)
+        ROV.varied(["tones=3", "excitation.tones=4"])
     with pytest.raises(InvalidInput, match="master"):
         plan_of("scalar_rov", ROV, {"seed": (1, 2)})
     with pytest.raises(InvalidInput, match="seeds"):
@@ -375,9 +375,7 @@ def test_sweep_lists_every_combination_and_exits_with_0(tmp_path: Path) -> None:
     assert document["combinations"][0]["theta_perp_ratio_low"] == min(ratios)
     code, said = shell("report", out)
     assert (code, said.err) == (0, "")
-    page, picture = map(Path, said.out.split())
-    assert picture.read_bytes().startswith(b"\x89PNG")
-    assert "identifier.gain" in page.read_text()
+    assert "identifier.gain" in Path(said.out.strip()).read_text()
 
 
 @pytest.mark.parametrize(
