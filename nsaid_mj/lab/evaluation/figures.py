@@ -17,7 +17,6 @@ from ...core import (
 from ..contacts import without_contacts
 from ..loop import Run
 from ..source import Source
-from .bound import cramer_rao
 from .confidence import INTERVAL, known
 from .statistics import Accuracy, finite
 from .truth import Truth, nullspace_of
@@ -83,6 +82,8 @@ class Judge:
 
     def bound(self, log: Log, levels: SensorLevels) -> dict[str, float | None]:
         """Median figures of estimates that attain the bound of a log; raises as `cramer_rao`."""
+        from .bound import cramer_rao
+
         truth = self._truth
         covariance = cramer_rao(truth, log, levels)
         basis = truth.nullspace.P_perp
