@@ -102,14 +102,8 @@ from .plants.families import vehicle_families as vehicle_families
 # A robot with a motor or servo on every joint; a floating base is fixed to a stand.
 from .plants.jointed import ArmPlant as ArmPlant
 
-# Default limit of the CPU time of the search by `mujoco.sysid` [s].
-from .plants.sysid import BUDGET as BUDGET
-
-# `mujoco.sysid` with a parallel finite-difference Jacobian, all parameters free.
-from .plants.sysid import sysid as sysid
-
-# The module `mujoco.sysid`; raises `NoEstimate` without its dependencies.
-from .plants.sysid import toolbox as toolbox
+# `mujoco.sysid`, MuJoCo's own toolbox.
+from .plants.sysid import Toolbox as Toolbox
 
 # A vehicle of one body, made from a data sheet.
 from .plants.world.blueprint import VehiclePlant as VehiclePlant

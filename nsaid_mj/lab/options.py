@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 import tyro
 
 from ..base import with_homes
-from ..robots import robot_file, vehicle_files
+from ..robots import VehicleFiles, robot_file
 from .plants.world.config import PlantConfig
 from .plants.world.faults.kinds import Fault
 from .plants.world.faults.text import fault_text
@@ -225,4 +225,4 @@ def _check_plant(plant: PlantConfig) -> None:
     from .plants.world.blueprint import VehiclePlant
 
     if isinstance(plant, VehiclePlant):
-        vehicle_files(plant.vehicle)
+        VehicleFiles.of(plant.vehicle)

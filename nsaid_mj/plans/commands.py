@@ -99,7 +99,7 @@ def compare_methods(given: Mapping[str, Any], chosen: ToCompareMethods, folder: 
     durations = (0.5 * scenario.duration, scenario.duration)
     if chosen.durations:
         durations = numbers_in("--durations", chosen.durations, _TEN)
-    from .studies.compare import BUDGET, COMPARE_FILES, comparison_plan, run_comparison
+    from .studies.compare import COMPARE_FILES, comparison_plan, run_comparison
     from .studies.compare_report import DEFAULT
 
     study = comparison_plan(
@@ -108,7 +108,7 @@ def compare_methods(given: Mapping[str, Any], chosen: ToCompareMethods, folder: 
         seeds=seeds,
         durations=durations,
         noises=(0.0,) * ("ideal" in kinds) + scales * ("noisy" in kinds),
-        budget=BUDGET if chosen.budget is None else chosen.budget,
+        **({} if chosen.budget is None else {"budget": chosen.budget}),
         bound=chosen.bound,
     )
     files = (*COMPARE_FILES, "report.html")

@@ -17,7 +17,7 @@ from ...core import (
     SensorLevels,
     drawn_inside,
 )
-from ...lab import BUDGET, sysid, toolbox
+from ...lab import Toolbox
 from ...robots import (
     BadRobot,
     Identified,
@@ -74,7 +74,7 @@ def compare_servos(
         NoEstimate: `mujoco.sysid` lacks its own dependencies.
     """
     if {SYSID, STOCK} & {str(model) for model in models}:
-        toolbox()
+        Toolbox()
 
     def parts(model: str) -> list[_Part]:
         if model in CHOICES["fitted model"]:
@@ -118,7 +118,7 @@ def compare_arms(
         NoEstimate: `mujoco.sysid` finds none, or lacks its own dependencies.
     """
     if SYSID in map(str, models):
-        toolbox()
+        Toolbox()
 
     def parts(model: str) -> list[_Part]:
         if model in (IDENTIFIED, SYSID):
@@ -230,9 +230,9 @@ def _constant_velocity(recordings: Recordings) -> Score:
 
 
 def by_toolbox(
-    robot: RobotModel, recordings: Recordings, budget: float = BUDGET
+    robot: RobotModel, recordings: Recordings, budget: float = Toolbox.BUDGET
 ) -> tuple[Identified, Array]:
-    """The values that `lab.plants.sysid.sysid` finds in logs, and (n,) delays of the commands [s].
+    """The values that `mujoco.sysid` finds in logs, and (n,) delays of the commands [s].
 
     It fits links, rotors, viscous and Coulomb friction, and gains. Initial values are those of
     `nsaid identify`: the model file's links, and frictions and gains guessed from the log. The
@@ -257,7 +257,7 @@ def by_toolbox(
     logs = [delayed(s, made.delays).log for s in recordings.segments]
     sign = np.sign(robot.gain)
     logs = [log._replace(q=robot.system.position(log.q), u=log.u * sign) for log in logs]
-    theta, _ = sysid(system, logs, prior, _NOISY, budget)
+    theta, _ = Toolbox().fitted(system, logs, prior, _NOISY, budget)
     rotor, viscous, coulomb, gain = theta[-4 * n :].reshape(4, n)
     model = with_inertias(robot.model, theta[: -4 * n].reshape(-1, 10), rotor)
     found = Identified(model, viscous, coulomb, speeds, gain * sign, "mujoco.sysid")

@@ -24,12 +24,11 @@ from ...base import (
 )
 from ...core import ConventionalAID, IdentifierConfig, Log, NullspaceAID, SensorLevels
 from ...lab import (
-    BUDGET,
     Judge,
     Scenario,
     Setup,
+    Toolbox,
     Truth,
-    sysid,
 )
 from ...report import Page, Result
 from ..baselines import BATCH, Method, MethodEstimate, Problem, follow
@@ -51,7 +50,7 @@ def comparison_plan(
     seeds: tuple[int, ...] = (0, 1, 2),
     durations: tuple[float, ...] = (10.0, 20.0),
     noises: tuple[float, ...] = (0.0,),
-    budget: float = BUDGET,
+    budget: float = Toolbox.BUDGET,
     bound: bool = False,
     arguments: tuple[str, ...] = (),
 ) -> Study:
@@ -107,7 +106,7 @@ def _check_logs(
     if not all(np.isfinite(s) and s >= 0 for s in noises):
         raise InvalidInput("noises", "multiples ≥ 0", noises, "1 is the scenario's.")
     if not budget > 0:
-        raise InvalidInput("budget", "seconds > 0", budget, f"The default is {BUDGET:g}.")
+        raise InvalidInput("budget", "seconds > 0", budget, f"The default is {Toolbox.BUDGET:g}.")
     shortest = 3 * dt
     if not all(np.isfinite(d) and d >= shortest for d in durations):
         remedy = "Give longer durations."
@@ -246,7 +245,7 @@ def _scenario(study: Study, seed: int, noise: float) -> Scenario:
 def _by_toolbox(problem: Problem, budget: float) -> MethodEstimate:
     """The estimate of `mujoco.sysid` within a budget of CPU time [s]."""
     system, log, prior, noise = problem
-    return MethodEstimate(*sysid(system, [log], prior, noise, budget))
+    return MethodEstimate(*Toolbox().fitted(system, [log], prior, noise, budget))
 
 
 def _attempt(method: Method, problem: Problem) -> tuple[MethodEstimate | None, str]:
