@@ -24,9 +24,6 @@ from .control.tracking import DesignedTracking as DesignedTracking
 # Every joint tracks a random finite Fourier series; passive ones swing freely.
 from .control.tracking import FourierTracking as FourierTracking
 
-# Returns given shares (k,) in [0, 1] in place of uniform draws; after the last one, 0.5.
-from .control.tracking import Given as Given
-
 # half width of a 95 % interval of the normal distribution [standard deviations]
 from .evaluation.confidence import INTERVAL as INTERVAL
 

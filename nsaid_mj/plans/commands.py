@@ -108,7 +108,7 @@ def compare_methods(given: Mapping[str, Any], chosen: ToCompareMethods, folder: 
         seeds=seeds,
         durations=durations,
         noises=(0.0,) * ("ideal" in kinds) + scales * ("noisy" in kinds),
-        **({} if chosen.budget is None else {"budget": chosen.budget}),
+        budget=chosen.budget,
         bound=chosen.bound,
     )
     files = (*COMPARE_FILES, "report.html")

@@ -81,9 +81,6 @@ from .parameters import ParameterTables as ParameterTables
 # The robot at positions q (m,) as a figure of a page; None without meshes, or finite q.
 from .picture import robot_picture as robot_picture
 
-# Curves over the same times, of one Rerun entity.
-from .recording.lines import Lines as Lines
-
 # Makes plots whose legends stand beside the curves, in an empty part of the time axis.
 from .recording.plots import Plots as Plots
 

@@ -157,7 +157,6 @@ def rows(*converged: float | None, failure: str | None = None) -> list[dict[str,
 def test_sweep(found: list[dict[str, Any]], code: int, monkeypatch: Patch) -> None:
     manifest = {"vary": {}, "runs": len(found), "script": "scalar_rov", "arguments": []}
     put(monkeypatch, "plans.studies.sweep.run_sweep", Runs(Path("out"), manifest, found))
-    put(monkeypatch, "lab.varied", {})
     code_, said = shell("sweep", "scalar_rov", "--vary", "law=paper", "--quiet")
     assert (code_, said.err) == (code, "")
 

@@ -4,13 +4,14 @@ import socket
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import rerun as rr
 
 from ...base import InvalidInput
 from ...core import Log, Measurement, SecondOrderSystem, State
-from ...report import Lines, Plots, Scene, live_recording
+from ...report import Panel, Plots, Scene, live_recording
 from ..evaluation.labels import EXCITATION_LEVELS, groups
 from ..observer import Observer, RobotDescription
 from ..scenario import Scenario
@@ -124,7 +125,7 @@ class LiveRecording(Observer):
         self._scene.log_shapes(rec, camera, ghost=self._arrows is not None)
         if self._arrows:
             self._arrows.log_style(rec, ESTIMATED)
-        for lines in _streamed(system):
+        for lines in Plots.of(_streamed(system), None).curves:
             lines.log_style(rec)
         self._rec = rec
 
@@ -225,16 +226,20 @@ def _target(port: int) -> str:
     return f"rerun+http://{LOCAL}:{port}/proxy"
 
 
-def _streamed(system: SecondOrderSystem) -> list[Lines]:
-    """The streamed curves, without values."""
-    entities = {"velocity_error": [f"Δ{name}" for name in system.velocity_names]}
-    entities |= {Plots.entity(*g.key, "estimated"): g.names for g in groups(system.space)}
+def _streamed(system: SecondOrderSystem) -> list[Panel]:
+    """What is streamed, without values: panels as `curves` makes them of a finished run."""
     none = np.zeros(0)
-    found = [
-        Lines(entity, names, none, none, range(len(names))) for entity, names in entities.items()
-    ]
-    for place, (entity, name) in enumerate(
-        zip(("excitation/all", "excitation/perpendicular"), EXCITATION_LEVELS, strict=True)
-    ):
-        found.append(Lines(entity, [name], none, none, [place], steps=True))
-    return found
+    error = Panel("", "", key=("velocity_error",))
+    names = [f"Δ{name}" for name in system.velocity_names]
+    error.add_columns(none, np.zeros((0, len(names))), names)
+    panels = [error]
+    for group in groups(system.space):
+        panel = Panel("", "", key=group.key)
+        width = len(group.names)
+        panel.add_columns(none, np.zeros((0, width)), group.names, ("estimated",))
+        panels.append(panel)
+    excitation = Panel("", "", key=("excitation",))
+    for part, name in zip(("all", "perpendicular"), EXCITATION_LEVELS, strict=True):
+        excitation.add(none, none, name, part=(part,))
+    excitation.curves = [replace(curve, steps=True) for curve in excitation.curves]
+    return [*panels, excitation]

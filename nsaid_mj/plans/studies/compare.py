@@ -50,7 +50,7 @@ def comparison_plan(
     seeds: tuple[int, ...] = (0, 1, 2),
     durations: tuple[float, ...] = (10.0, 20.0),
     noises: tuple[float, ...] = (0.0,),
-    budget: float = Toolbox.BUDGET,
+    budget: float | None = None,
     bound: bool = False,
     arguments: tuple[str, ...] = (),
 ) -> Study:
@@ -63,7 +63,7 @@ def comparison_plan(
         seeds: seeds of truth, prior, excitation and sensors.
         durations: lengths of log for the methods [s].
         noises: multiples of the scenario's noise; 0 for exact sensors.
-        budget: CPU time of the search by `sysid` [s].
+        budget: CPU time of the search by `sysid` [s]; None for `Toolbox.BUDGET`.
         bound: whether the Cramér–Rao bound of every noisy log is computed.
         arguments: flags of `nsaid run` that turn the script's scenario into this one.
 
@@ -81,6 +81,7 @@ def comparison_plan(
         kind = type(scenario.identifier).__name__
         remedy = "Compare a scenario with that identifier; the methods include the others."
         raise InvalidInput("scenario", "the identifier NullspaceAID", kind, remedy)
+    budget = Toolbox.BUDGET if budget is None else budget
     _check_logs(scenario.dt, seeds, durations, noises, budget, bound)
     compared = (PRIOR, *((BOUND,) if bound else ()), *methods)
     vary = {"noise": noises, "duration": durations, "method": compared}
