@@ -11,7 +11,7 @@ from nsaid_mj.clinic.identify.dry_mass import off_file, with_dry_mass
 from nsaid_mj.clinic.identify.export import write_models
 from nsaid_mj.clinic.identify.ground.feet import feet_of, imu_pose
 from nsaid_mj.clinic.identify.ground.offsets import at_rest
-from nsaid_mj.clinic.identify.ground.rows import BASE, Ground, GroundRows, turning
+from nsaid_mj.clinic.identify.ground.rows import BANDS, BASE, Ground, GroundRows, turning
 from nsaid_mj.clinic.identify.ground.search import expected_gains, filter_of
 from nsaid_mj.clinic.identify.identify import (
     identify,
@@ -52,7 +52,7 @@ def test_dry_friction_turns_by_the_sensor_with_less_noise(
     v = 1.2 * np.cos(4 * t)[:, None]
     log = Log(t, grain * np.round(q / grain), v + noise * rng.standard_normal(v.shape), 0 * v)
     segment = rows.segments[0]._replace(log=log)
-    error = turning(segment, rows.chosen) - v
+    error = turning(segment, rows.chosen, BANDS[-1]) - v
     assert error[50:-50].std() < 0.01
 
 
