@@ -142,6 +142,12 @@ class Offsets(NamedTuple):
         """(a,) the errors of the IMU alone."""
         return np.where([entry.foot < 0 for entry in self.entries], self.value, 0.0)
 
+    @property
+    def at_steps_alone(self) -> bool:
+        """Whether of the IMU nothing is wrong but that it is read at the steps of held targets."""
+        wrong = np.flatnonzero(self.of_imu)
+        return all(self.entries[k].kind == "at_step" for k in wrong)
+
     def findings(self, feet: Sequence[str]) -> Iterator[Finding]:
         """Large ones that are allowed for, in words; `feet` are names."""
         groups: dict[tuple[str, int], list[int]] = {}

@@ -110,6 +110,7 @@ class GroundRows(Rows):
         self.lead = 0.0
         self.band = len(BANDS) - 1
         self._kept: dict[str, tuple[tuple[object, ...], Array]] = {}
+        self._turned: dict[tuple[int, int], Array] = {}
         k = len(robot.joints)
         self.system = unrolled(robot.system)
         super().__init__(recordings, chosen, lambda *each: smooth_ground(ground, *each))
@@ -423,9 +424,11 @@ class GroundRows(Rows):
 
         def own(number: int) -> Array:
             segment = self.segments[number]
-            velocity = turning(segment, self.chosen, BANDS[band])
+            if (number, band) not in self._turned:
+                self._turned[number, band] = turning(segment, self.chosen, BANDS[band])
             ahead = self.motions[number].t + lead
-            v = np.column_stack([np.interp(ahead, segment.log.t, x) for x in velocity.T])
+            each = self._turned[number, band].T
+            v = np.column_stack([np.interp(ahead, segment.log.t, x) for x in each])
             sign = np.tanh(v / SPEEDS[speed])
             return self.eliminated[number].E[:, :, BASE:] * sign[:, None, :]
 

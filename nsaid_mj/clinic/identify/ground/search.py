@@ -21,7 +21,7 @@ from ....robots import RobotModel
 from ...logs.recordings import Recordings
 from ..choose.columns import SPEEDS
 from ..choose.cutoff import NARROWER
-from ..fit import Fit, inflation, minimise, tempered, tempered_fit
+from ..fit import Fit, inflation, minimise, tempered_fit
 from ..joint_checks import GUESSED, NOMINAL, STATED
 from ..problem import FitProblem
 from ..result import JointStructure, Options, Structured
@@ -99,7 +99,7 @@ def structured_ground(
         others = [_DOUBTED]
     elif options.delay is None:
         report("finding the commands' delay")
-        common, deviation = _delay(rows, fit.theta)
+        common, deviation = _delay(rows, fit)
         delay = np.full(k, common)
         half = INTERVAL * deviation
         interval = (common - half, common + half)
@@ -143,6 +143,9 @@ def _allowed(rows: GroundRows, fit: Fit, delay: Array) -> tuple[GroundRows, Fit,
             break
         total = total + offsets.of_imu
         changed = displaced(rows.ground, offsets.entries, offsets.of_imu)
+        if offsets.at_steps_alone:  # which changes no foot's load by much
+            rows = rows.like(ground=changed)
+            continue
         rows = rows.like(ground=replace(changed, touching=None))
         fit = minimise(rows.problem(delay), start=fit.theta)
         rows, _ = _released(rows, fit, delay)
@@ -249,11 +252,11 @@ class _Trials:
         best: the fit of least cost so far.
     """
 
-    def __init__(self, rows: GroundRows, theta: Array, delay: Array):
+    def __init__(self, rows: GroundRows, fit: Fit, delay: Array):
         self._rows = rows
         self._problem = rows.problem(delay)
-        self._share = inflation(self._problem, theta)
-        self.best = minimise(self._problem, tempered(self._problem, self._share), theta)
+        self._share = inflation(self._problem, fit.theta)
+        self.best = fit._replace(cost=np.inf)  # of other weights
 
     def cost(self, delay: Array, speed: int, lead: float, band: int) -> float:
         """The cost of a delay (k,) and of dry friction; see `GroundRows.sums`."""
@@ -270,7 +273,7 @@ def _with_friction(rows: GroundRows, fit: Fit, delay: Array) -> Fit:
 
     Its speed, lead and band are common to all joints.
     """
-    trials = _Trials(rows, fit.theta, delay)
+    trials = _Trials(rows, fit, delay)
 
     @cache
     def cost(speed: int, lead: int, band: int) -> float:
@@ -304,10 +307,10 @@ def _damping(rows: GroundRows) -> Iterator[Finding]:
         yield Finding("note", "damping", "", text)
 
 
-def _delay(rows: GroundRows, theta: Array) -> tuple[float, float]:
+def _delay(rows: GroundRows, fit: Fit) -> tuple[float, float]:
     """The common delay of the commands with the least cost, and its standard deviation [s]."""
     k = len(rows.robot.joints)
-    trials = _Trials(rows, theta, np.zeros(k))
+    trials = _Trials(rows, fit, np.zeros(k))
 
     @cache
     def cost(late: float) -> float:
