@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import orjson
 
-from ..base import InvalidInput, shown
+from ..base import InvalidInput
 from ..robots import RobotModel
 from .identify.identify import identify_forces
 from .identify.result import Identification
@@ -157,7 +157,7 @@ def walking_sample(
     try:
         parts = [np.atleast_1d(np.asarray(part, dtype=np.float64)) for part in given]
     except (TypeError, ValueError, OverflowError) as error:
-        raise InvalidInput("sample", expected, shown(given), _SEE) from error
+        raise InvalidInput("sample", expected, given, _SEE) from error
     sizes = [part.shape for part in parts]
     if sizes[:4] != [(1,), *[(joints,)] * 3] or sizes[4] not in ((7,), (10,)):
         names = zip(SAMPLE, sizes, strict=True)
