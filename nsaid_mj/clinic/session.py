@@ -14,7 +14,7 @@ import numpy as np
 import orjson
 
 from ..base import single_threaded
-from ..core import Array, Identifier, Log, Measurement, ParameterSpace, State
+from ..core import Array, Identifier, Log, Measurement, State
 from ..lab import (
     INTERVAL,
     Observer,
@@ -75,31 +75,39 @@ class LiveEstimate:
     misfit: str
     faults: tuple[str, ...]
 
-    def line(self) -> bytes:
-        """The estimate as a line of JSON, without names and units; null for what is not finite."""
+    def line(self, head: bool = False) -> bytes:
+        """The estimate as a line of JSON; null for what is not finite.
+
+        With `head` it also holds names and units, which otherwise a line before states once.
+        """
         found: dict[str, Any] = {"t": self.t, "samples": self.samples}
         found |= {"theta": self.theta_hat, "gains": [[g.value, g.low, g.high] for g in self.gains]}
         found |= {"misfit": self.misfit, "faults": self.faults}
+        if head:
+            found |= {"names": self.names, "units": self.units}
+            found["actuators"] = [self.names.index(gain.name) for gain in self.gains]
         return orjson.dumps(found, option=orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_APPEND_NEWLINE)
 
     @staticmethod
-    def of_line(found: dict[str, Any], space: ParameterSpace) -> LiveEstimate:
-        """The estimate of such a line."""
+    def of_line(found: dict[str, Any]) -> LiveEstimate:
+        """The estimate of such a line with its names and units."""
+        names = tuple(found["names"])
+        units = tuple(found["units"])
         gains = (
             LiveGain(
-                space.names[k],
-                space.units[k],
+                names[k],
+                units[k],
                 value,
                 -np.inf if low is None else low,
                 np.inf if high is None else high,
             )
-            for k, (value, low, high) in zip(space.actuators, found["gains"], strict=True)
+            for k, (value, low, high) in zip(found["actuators"], found["gains"], strict=True)
         )
         return LiveEstimate(
             found["t"],
             found["samples"],
-            tuple(space.names),
-            tuple(space.units),
+            names,
+            units,
             np.array(found["theta"]),
             tuple(gains),
             found["misfit"],

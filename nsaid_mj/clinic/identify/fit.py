@@ -236,9 +236,12 @@ def tempered(problem: FitProblem, share: Array) -> Sums:
     return Sums(parts.sums / share[:, None, None], parts.counts / share)
 
 
-def tempered_fit(problem: FitProblem) -> tuple[Fit, Array]:
-    """The fit weighted by the effective number of independent rows, and (n,) rows per such row."""
-    fit = minimise(problem)
+def tempered_fit(problem: FitProblem, start: Array | None = None) -> tuple[Fit, Array]:
+    """The fit weighted by the effective number of independent rows, and (n,) rows per such row.
+
+    `start` (p,) is where the search begins, by default the prior.
+    """
+    fit = minimise(problem, start=start)
     share = inflation(problem, fit.theta)
     return minimise(problem, tempered(problem, share), fit.theta), share
 

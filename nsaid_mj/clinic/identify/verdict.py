@@ -1,8 +1,9 @@
 """The verdict of an identification: whether the structure explains the log, and what to do next.
 
-The least favourable of four judgements counts: how well held-out parts and a validation log are
-predicted, what the residuals correlate with, what the user told, and what the overall scale rests
-on. The sentence gives the figures and one remedy, that of the gravest; findings have all others.
+The least favourable of five judgements counts: how well held-out parts and a validation log are
+predicted, what the residuals correlate with, what the user told, whether the feet are where the
+model file says, and what the overall scale rests on. The sentence gives the figures and one remedy,
+that of the gravest; findings have all others.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,6 +19,8 @@ from .result import JointStructure
 
 CONTRADICTED = "contradicted"
 """Code of findings that a log contradicts what the user told."""
+FOOT_ELSEWHERE = "offset_foot"
+"""Code of findings that a foot touches the ground elsewhere than the model file says."""
 _CONFIRM = "Confirm it on a log of another motion: --validate."
 GOOD = 0.2
 """Held-out NRMSE up to which a structure explains a motion."""
@@ -66,20 +69,24 @@ def verdict(
     explains, sentence = _of_predictions(joints, arm)
     told = [f for f in findings if f.code == CONTRADICTED]
     doubts = [f for f in findings if f.code == "residuals" and f.level == "warning"]
+    elsewhere = [f for f in findings if f.code == FOOT_ELSEWHERE]
     unfixed = scale is not None and not scale.fixed
     clauses = [_capital(told[0]) if told else sentence.removesuffix(".")]
     if doubts and not told and explains != "no":
         worst = max(doubts, key=lambda f: float(str(f.data.get("share", 0.0))))
         more = f" (and {len(doubts) - 1} more)" if len(doubts) > 1 else ""
         clauses.append(f"{worst.where or 'all joints'}: {worst.text.partition(' (')[0]}{more}")
+    if elsewhere and not told and explains != "no":
+        names = ", ".join(dict.fromkeys(f.where for f in elsewhere))
+        clauses.append(f"the ground is touched elsewhere than the model file says, by {names}")
     if unfixed and not told and explains != "no":
         assert scale is not None
         each = f" within each of the {scale.limbs} limbs" if scale.limbs > 1 else ""
         clauses.append(f"ratios of parameters hold{each}, {scale.bounds}")
     sentence = f"{'; '.join(clauses)}."
-    if told or doubts or unfixed:
+    if told or doubts or elsewhere or unfixed:
         explains = "no" if explains == "no" else "partly"
-    remedy = next(_remedies(told, doubts, findings, scale), "")
+    remedy = next(_remedies(told, [*doubts, *elsewhere], findings, scale), "")
     if explains == "yes" and all(joint.validation is None for joint in joints):
         remedy = _CONFIRM
     return explains, with_next(sentence, remedy)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from nsaid_mj.base import Finding
 from nsaid_mj.clinic.identify import wording
 from nsaid_mj.clinic.identify.calibrate import _command_noise
 from nsaid_mj.clinic.identify.identifiability import _positive
@@ -42,6 +43,16 @@ def test_an_error_of_most_of_a_motors_force_does_not_explain():
     """0.3 N·m of a motor that has 0.4: the scale of the forces cannot be right either."""
     assert verdict([joint(held_out=0.15, limit=0.4)])[0] == "partly"
     assert verdict([joint(held_out=0.15, limit=4.0)])[0] == "yes"
+
+
+def test_feet_that_are_elsewhere_are_part_of_the_verdict():
+    """The fit allows for feet that are off, but legs of other lengths are not what was modelled."""
+    remedy = "Measure the legs."
+    feet = [Finding("warning", "offset_foot", f"{leg}_foot", "off", remedy) for leg in ("FL", "RR")]
+    explains, sentence = verdict([joint()], feet)
+    assert explains == "partly" and "by FL_foot, RR_foot. Next: measure the legs." in sentence
+    imu = Finding("warning", "offset_turn", "IMU", "turned", "Correct it.")
+    assert verdict([joint()], [imu])[0] == "yes"
 
 
 def test_a_leg_in_swing_shows_nothing_where_only_stance_makes_its_error_small():

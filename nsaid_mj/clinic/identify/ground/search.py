@@ -15,14 +15,14 @@ import numpy as np
 import scipy
 
 from ....base import Finding
-from ....core import Array
+from ....core import Array, Sums
 from ....lab import INTERVAL
 from ....robots import RobotModel
 from ...logs.pd_law import feedback_in
 from ...logs.recordings import Recordings
 from ..choose.columns import SPEEDS
 from ..choose.cutoff import NARROWER
-from ..fit import Fit, inflation, minimise, tempered, tempered_fit
+from ..fit import Fit, inflation, minimise, tempered_fit
 from ..joint_checks import GUESSED, NOMINAL, STATED
 from ..problem import FitProblem
 from ..result import JointStructure, Options, Structured
@@ -30,7 +30,7 @@ from ..smoothing import Filter
 from .feet import feet_of, imu_pose
 from .odometry import with_odometry
 from .offsets import Offsets, displaced, estimated
-from .rows import BASE, FRICTIONS, Ground, GroundRows, total_mass
+from .rows import BANDS, BASE, FRICTIONS, Ground, GroundRows, total_mass
 from .sensors import sensors_of, with_sensors
 from .stance import Stance, stance
 
@@ -83,7 +83,7 @@ def structured_ground(
     findings = [said, where, *_swing(rows, seen), *_damping(rows), *_implied(rows)]
     findings += [*_sensors(rows, seen), *_without_accelerometer(rows)]
     report("finding how dry friction turns")
-    rows.speed, rows.lead = _friction(rows, fit.theta, delay)
+    fit = _with_friction(rows, fit, delay)
     report("comparing IMU and joints")
     rows, fit, offsets = _allowed(rows, fit, delay)
     findings += offsets.findings([foot.name for foot in feet])
@@ -93,12 +93,12 @@ def structured_ground(
         others = [_DOUBTED]
     elif options.delay is None:
         report("finding the commands' delay")
-        common, deviation = _delay(rows, fit.theta)
+        common, deviation = _delay(rows, fit)
         delay = np.full(k, common)
         half = INTERVAL * deviation
         interval = (common - half, common + half)
         others = [common + deviation]
-    rows.speed, rows.lead = _friction(rows, fit.theta, delay)
+    fit = _with_friction(rows, fit, delay)
     problem = rows.problem(delay)
     checked = None
     if validation is not None:
@@ -131,12 +131,15 @@ def _allowed(rows: GroundRows, fit: Fit, delay: Array) -> tuple[GroundRows, Fit,
         rows.ground = _answered(rows, fit.theta)
     for last in (False, False, True):
         problem = rows.problem(delay)
-        fit, share = tempered_fit(problem)
+        fit, share = tempered_fit(problem, fit.theta)
         offsets = estimated(rows, problem, fit.theta, delay, share)
         if last or not offsets.of_imu.any():
             break
         total = total + offsets.of_imu
         changed = displaced(rows.ground, offsets.entries, offsets.of_imu)
+        if offsets.at_steps_alone:  # which changes no foot's load by much
+            rows = rows.like(ground=changed)
+            continue
         rows = rows.like(ground=replace(changed, touching=None))
         fit = minimise(rows.problem(delay), start=fit.theta)
         rows, _ = _released(rows, fit, delay)
@@ -247,27 +250,57 @@ def _swing(rows: GroundRows, seen: Stance) -> Iterator[Finding]:
 _RARE = 0.01  # share of swing below which a foot counts as never released
 
 
-def _friction(rows: GroundRows, theta: Array, delay: Array) -> tuple[int, float]:
-    """The speed's index in `SPEEDS` and the lead of dry friction with the least cost.
+class _Trials:
+    """Fits of other delays and dry friction, each from the best one before.
 
-    Both are common to all joints.
+    Attributes:
+        best: the fit of least cost so far.
     """
-    share = inflation(rows.problem(delay), theta)
+
+    def __init__(self, rows: GroundRows, fit: Fit, delay: Array):
+        self._rows = rows
+        self._problem = rows.problem(delay)
+        self._share = inflation(self._problem, fit.theta)
+        self.best = fit._replace(cost=np.inf)  # of other weights
+
+    def cost(self, delay: Array, speed: int, lead: float, band: int) -> float:
+        """The cost of a delay (k,) and of dry friction; see `GroundRows.sums`."""
+        sums = self._rows.sums(delay, speed, lead, band)
+        parts = Sums(sums.sums / self._share[:, None, None], sums.counts / self._share)
+        found = minimise(self._problem, parts, self.best.theta)
+        if found.cost < self.best.cost:
+            self.best = found
+        return found.cost
+
+
+def _with_friction(rows: GroundRows, fit: Fit, delay: Array) -> Fit:
+    """Gives rows the dry friction with the least cost, and returns the fit with it.
+
+    Its speed, lead and band are common to all joints.
+    """
+    trials = _Trials(rows, fit, delay)
 
     @cache
-    def cost(speed: int, lead: int) -> float:
-        problem = rows.problem(delay, speed, _LEADS[lead])
-        return minimise(problem, tempered(problem, share), theta).cost
+    def cost(speed: int, lead: int, band: int) -> float:
+        return trials.cost(delay, speed, _LEADS[lead], band)
 
-    best = rows.speed, _LEADS.index(rows.lead)
+    best = rows.speed, _LEADS.index(rows.lead), rows.band
+    counts = len(SPEEDS), len(_LEADS), len(BANDS)
     while True:
-        speed, lead = best
-        near = [(s, lead) for s in range(max(speed - 1, 0), min(speed + 2, len(SPEEDS)))]
-        leads = [(speed, k) for k in range(max(lead - 1, 0), min(lead + 2, len(_LEADS)))]
-        found = min((best, *near, *leads), key=lambda each: cost(*each))
+        near = [
+            (*best[:k], best[k] + step, *best[k + 1 :])
+            for k, count in enumerate(counts)
+            for step in (-1, 1)
+            if 0 <= best[k] + step < count
+        ]
+        found = min((best, *near), key=lambda each: cost(*each))
         if found == best:
-            return speed, _LEADS[lead]
+            break
         best = found
+    rows.speed = best[0]
+    rows.lead = _LEADS[best[1]]
+    rows.band = best[2]
+    return trials.best
 
 
 def _damping(rows: GroundRows) -> Iterator[Finding]:
@@ -296,16 +329,14 @@ def _implied(rows: GroundRows) -> Iterator[Finding]:
     yield Finding("note", "implied_law", ", ".join(joints), text, remedy)
 
 
-def _delay(rows: GroundRows, theta: Array) -> tuple[float, float]:
+def _delay(rows: GroundRows, fit: Fit) -> tuple[float, float]:
     """The common delay of the commands with the least cost, and its standard deviation [s]."""
     k = len(rows.robot.joints)
-    first = rows.problem(np.zeros(k))
-    share = inflation(first, theta)
+    trials = _Trials(rows, fit, np.zeros(k))
 
     @cache
     def cost(late: float) -> float:
-        problem = rows.problem(np.full(k, late))
-        return minimise(problem, tempered(problem, share), theta).cost
+        return trials.cost(np.full(k, late), rows.speed, rows.lead, rows.band)
 
     best = 0.0
     for step in _STEPS:
@@ -339,7 +370,7 @@ def _structures(
 
 
 def _alternatives(rows: GroundRows, delay: Array, others: Sequence[float]) -> Iterator[FitProblem]:
-    """Other plausible problems: another delay, friction speed or lead, and cut-off."""
+    """Other plausible problems: another delay, friction speed, lead or band, and cut-off."""
     for other in others:
         yield rows.problem(np.full(len(delay), other))
     for speed in {max(rows.speed - 2, 0), min(rows.speed + 2, len(SPEEDS) - 1)} - {rows.speed}:
@@ -347,6 +378,8 @@ def _alternatives(rows: GroundRows, delay: Array, others: Sequence[float]) -> It
     for lead in _LEADS:
         if lead != rows.lead:
             yield rows.problem(delay, lead=lead)
+    for band in {max(rows.band - 1, 0), min(rows.band + 1, len(BANDS) - 1)} - {rows.band}:
+        yield rows.problem(delay, band=band)
     if rows.recordings.feedback is not None:
         yield rows.problem(delay, lag=_LAG)
     elif rows.law is not None:
