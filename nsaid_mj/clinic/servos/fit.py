@@ -10,7 +10,7 @@ from scipy import stats
 
 from ...core import Array, Indices
 from .logs import ServoLog
-from .simulation import NONE, Effects, JointLog, differentiated, simulate
+from .simulation import NONE, Effects, JointLog, differentiated, simulate, with_play
 
 DAMPING, FRICTION, GRAVITY, ARMATURE, DELAY = range(5)
 """Places of T, f, g, a and d in θ."""
@@ -25,9 +25,6 @@ EFFECTIVE = 1.5  # independent samples per second, since residuals of a simulati
 PLAY = 2.0
 """Half the usual play of a servo's gears, over the deviation of its zero: makers of hobby servos
 with steps of 1.5 mrad state up to 9 mrad of play, and fine encoders come with finer gears."""
-_PARABOLA = 0.05  # half of the span of three positions that tell an acceleration [s]
-_WEAK = 0.05  # torque over its rms, at which backlash is half on its side
-_PULLS = 2.0  # shifts of parameters by backlash over those by its estimate, on simulated arms
 _STEEPEST = 100.0  # [rad or m] by ln θ: a servo between both of its limits is chaotic
 _WINDOW = 2.0  # in which external forces are detected [s]
 _FAR = 6.0  # residual of such a window over the median one
@@ -57,11 +54,11 @@ class Simulated(Protocol):
         ...
 
     def moved(self, x: Array, zero: Array) -> Array:
-        """(N, 4 n) change of the residual by what the equation lacks.
+        """(N, 5 n) change of the residual by what the equation lacks.
 
         First by offsets `zero` (n,) [rad or m] of the joints' targets. Then by backlash: a joint is
-        displaced by `PLAY` times that in the direction of its load. Last by backlash within the
-        servo's loop, and by that between the loop and the encoder, over half its width [rad or m].
+        displaced by `PLAY` times that in the direction of its load. Last by backlash at the three
+        places of `_slack`, over half its width [rad or m].
         """
         ...
 
@@ -100,17 +97,16 @@ def _play(log: JointLog, zero: Array, g: Array) -> Array:
     return -PLAY * zero * (side - side.mean())  # a constant side is an offset
 
 
-def _side(log: JointLog) -> Array:
-    """(N,) side, −1 to 1, on which backlash lies: opposite to the torque through the gear.
+def _slack(log: JointLog, theta: Array, half: float) -> Array:
+    """(N, 3) change of the encoder's position by play of 2 `half` in the gear, over `half`.
 
-    The encoder is behind the gear and the servo's error is its, so that a reversal takes the time
-    in which the motor crosses the backlash. Accelerations are those of parabolas through measured
-    positions: a simulation without backlash would lack its shocks.
+    Of a motor with an encoder that the play displaces its link beyond; of one whose play is between
+    servo and encoder; of one within the loop, whose encoder is the servo's, behind the gear.
     """
-    at = (np.clip(log.t + side, log.t[0], log.t[-1]) for side in (-_PARABOLA, 0.0, _PARABOLA))
-    before, now, after = (np.interp(t, log.t, log.position) for t in at)
-    torque = log.load + log.inertia * (before - 2 * now + after) / _PARABOLA**2
-    return -torque / (np.abs(torque) + _WEAK * np.sqrt(np.mean(torque**2)) + 1e-12)
+    rigid, _ = with_play(log, theta, 0.0, behind=False)
+    motor, link = with_play(log, theta, half, behind=False)
+    _, within = with_play(log, theta, half, behind=True)
+    return (np.column_stack([motor, link, within]) - rigid[:, None]) / half
 
 
 class JointFit:
@@ -130,15 +126,14 @@ class JointFit:
         return np.concatenate([simulate(log, theta, own) - log.position for log in self.logs])
 
     def moved(self, x: Array, zero: Array) -> Array:
-        """(N, 4) change of the residual by an offset `zero` (1,) of the targets, and by play."""
+        """(N, 5) change of the residual by an offset `zero` (1,) of the targets, and by play."""
         theta = np.exp(x)
         changes = []
         for log in self.logs:
-            side = _side(log)
-            shifts = zero, _play(log, zero, theta[GRAVITY]), -zero * side
             before = simulate(log, theta)
+            shifts = zero, _play(log, zero, theta[GRAVITY])
             own = [simulate(log._replace(target=log.target + u), theta) - before for u in shifts]
-            changes.append(np.column_stack([*own[:2], own[2] / zero + side, side]))
+            changes.append(np.column_stack([*own, _slack(log, theta, float(zero[0]))]))
         return np.concatenate(changes)
 
     def linear(self, x: Array, free: Indices) -> tuple[Array, Array]:
@@ -283,9 +278,9 @@ class Spread(NamedTuple):
     # (k, k) covariance that clusters do not tell: by the prior, the zeros, backlash within the loop
     # and the simulation's own accuracy
     rest: Array
-    moved: Array  # (k, 4 n) change of the parameters by what the equation lacks: `Simulated.moved`
-    size: Array  # (4 n,) of each of these that the residual shows
-    gain: Array  # (4 n,) decrease of the cost by it
+    moved: Array  # (k, 5 n) change of the parameters by what the equation lacks: `Simulated.moved`
+    size: Array  # (5 n,) of each of these that the residual shows
+    gain: Array  # (5 n,) decrease of the cost by it
     without: Array  # (G, k) change of the parameters without each cluster, by a Gauss–Newton step
     common: float  # mean dispersion of all numbers of the arm, or the least for such residuals
 
@@ -370,7 +365,7 @@ def _spread(fit: OutputError, cluster: Indices, zero: Array) -> Spread:
     moved[free] = A @ seen
     left = np.sum(effect**2 * weight[:, None], axis=0) - np.sum(seen * moved[free], axis=0)
     size = -(weight * fit.residual) @ effect / np.maximum(left, 1e-300)
-    size[2 * len(zero) :] = np.clip(size[2 * len(zero) :], 0.0, np.tile(PLAY * zero, 2))
+    size[2 * len(zero) :] = np.clip(size[2 * len(zero) :], 0.0, np.tile(PLAY * zero, 3))
     by_zero = moved[:, : len(zero)]
     rest = by_zero @ by_zero.T
     rest[np.ix_(free, free)] += A @ P @ A + _NUMERICAL**2 * np.eye(len(free))
@@ -385,12 +380,12 @@ def _spread(fit: OutputError, cluster: Indices, zero: Array) -> Spread:
 def _with_slack(spread: Spread) -> Spread:
     """With the change of the parameters by the backlash of each joint that its residual shows.
 
-    It is within the servo's loop or behind it, whichever lowers the cost more; as any further
-    number lowers it by the dispersion, that share of it is not counted.
+    It is at that place of `_slack` which lowers the cost most; as any further number lowers it by
+    the dispersion, that share of it is not counted.
     """
-    n = spread.moved.shape[1] // 4
-    places = np.arange(n) + 2 * n
-    at = np.where(spread.gain[places] > spread.gain[places + n], places, places + n)
+    n = spread.moved.shape[1] // 5
+    places = np.arange(2 * n, 5 * n).reshape(3, n)
+    at = places[np.argmax(spread.gain[places], axis=0), np.arange(n)]
     shown = np.maximum(1 - spread.common / np.maximum(spread.gain[at], 1e-300), 0.0)
-    slack = _PULLS * spread.moved[:, at] * spread.size[at] * shown
+    slack = spread.moved[:, at] * spread.size[at] * shown
     return spread._replace(rest=spread.rest + slack @ slack.T)
