@@ -150,7 +150,7 @@ def tried(seed: int) -> dict[str, Any]:
         "off": off,
         "identified": firm,
         "explains": found.explains,
-        "play": [f.text for f in found.findings if f.code == "play"],
+        "play": {f.where: f.data for f in found.findings if f.code == "play"},
         "seconds": time.process_time() - begin,
     }
 
@@ -192,7 +192,9 @@ def main() -> None:
         lines.append(line)
         out = {name: round(x, 2) for name, x in line["off"].items() if abs(x) > 1}
         seconds = f"{line['seconds']:.0f} s"
-        print(seed, line["place"], line["explains"], seconds, "outside:", out, flush=True)
+        told = line["play"].items()
+        played = ", ".join(f"{j} {1e3 * own['width']:.1f} {own['place']}" for j, own in told)
+        print(seed, line["place"], seconds, "outside:", out, "play:", played, flush=True)
     print(table(lines))
 
 

@@ -152,11 +152,31 @@ def estimate(given: ServoLogs, report: Callable[[str], None] = lambda _: None) -
         if not one.poor:
             named = effects_of(one.name, one.unit, fit, cluster)
             effects += named
+            effects += _play(one, *found.play)
             sizes = [f.data["size"] for f in named if f.data["effect"] == "stribeck"]
             excess = float(np.sum(np.array(sizes, dtype=np.float64)))  # of friction at rest
             one = one.widened(FRICTION, 0.25 * excess)  # half of what it changes with speed
         judged.append(one)
     return ArmEstimate(tuple(judged), fitted.used, None, tuple(effects))
+
+
+_PLACES = (
+    "beyond the motor's encoder",
+    "between the servo's encoder and the log's",
+    "within the servo's loop, before its encoder",
+)
+
+
+def _play(joint: JointEstimate, place: int, width: float) -> list[Finding]:
+    """Reports play of a width [rad or m] in a joint's gear, at one of `_PLACES`."""
+    if not width > joint.zero:  # less cannot be told from the encoder's steps
+        return []
+    size = f"{1e3 * width:.2g} {joint.unit}"
+    text = f"its gear has play of about {size}, {_PLACES[place]}; intervals include what twice as "
+    text += "much would change"
+    remedy = "The exported servo has none, and imitates it by its other numbers."
+    data = {"place": _PLACES[place], "width": width}
+    return [Finding("note", "play", joint.name, text, remedy, data)]
 
 
 def _with_kp(fitted: JointFits, given: ServoLogs, cluster: Indices, zero: Array) -> Mask:

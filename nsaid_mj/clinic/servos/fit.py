@@ -25,6 +25,8 @@ EFFECTIVE = 1.5  # independent samples per second, since residuals of a simulati
 PLAY = 2.0
 """Half the usual play of a servo's gears, over the deviation of its zero: makers of hobby servos
 with steps of 1.5 mrad state up to 9 mrad of play, and fine encoders come with finer gears."""
+_PULLS = 2.0  # play of simulated arms over what their residuals show of it, at most
+_SURE_OF_PLAY = 3.0  # decrease of the cost by play over the dispersion, from which it is stated
 _STEEPEST = 100.0  # [rad or m] by ln θ: a servo between both of its limits is chaotic
 _WINDOW = 2.0  # in which external forces are detected [s]
 _FAR = 6.0  # residual of such a window over the median one
@@ -310,6 +312,13 @@ class Spread(NamedTuple):
         return (degrees * ratio + _PRIOR_DEGREES * self.common) / total, total
 
     @property
+    def play(self) -> tuple[int, float]:
+        """Place, as in `_slack`, and width [rad or m] of a joint's play; 0 if none is certain."""
+        place = int(np.argmax(self.gain[2:]))
+        certain = self.gain[2 + place] > _SURE_OF_PLAY * self.common
+        return place, 2 * float(self.size[2 + place]) * certain
+
+    @property
     def between(self) -> Array:
         """(k, k) covariance from differences between clusters."""
         k = len(self.rest)
@@ -381,11 +390,11 @@ def _with_slack(spread: Spread) -> Spread:
     """With the change of the parameters by the backlash of each joint that its residual shows.
 
     It is at that place of `_slack` which lowers the cost most; as any further number lowers it by
-    the dispersion, that share of it is not counted.
+    the dispersion, that share of its square is not counted.
     """
     n = spread.moved.shape[1] // 5
     places = np.arange(2 * n, 5 * n).reshape(3, n)
     at = places[np.argmax(spread.gain[places], axis=0), np.arange(n)]
     shown = np.maximum(1 - spread.common / np.maximum(spread.gain[at], 1e-300), 0.0)
-    slack = spread.moved[:, at] * spread.size[at] * shown
+    slack = _PULLS * spread.moved[:, at] * spread.size[at] * np.sqrt(shown)
     return spread._replace(rest=spread.rest + slack @ slack.T)

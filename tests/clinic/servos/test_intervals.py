@@ -57,12 +57,12 @@ def behind_a_gear(seed, play, place, seconds=20.0):
 @pytest.mark.parametrize("place", [None, *PLACES])
 def test_play_is_found_and_widens_what_it_makes_wrong(place):
     play = 0.007 if place else 0.0
-    of = JointFit([behind_a_gear(seed, play, place) for seed in (3, 4)], np.ones(2000))
+    of = JointFit([behind_a_gear(seed, play, place) for seed in range(3, 7)], np.ones(4000))
     first, prior = alone(of.logs)
     kp = np.arange(5) == 2  # gravity does not tell it
     prior = ServoPrior(np.where(kp, -np.log(KP), prior.mean), np.where(kp, 0.0, prior.deviation))
     fit = minimise(of, first, prior)
-    (found,) = spreads([fit], np.arange(2000) // 500, [np.array([2e-3])])
+    (found,) = spreads([fit], np.arange(4000) // 500, [np.array([2e-3])])
     off = np.abs(fit.x - np.log([T, F, 1 / KP, ARMATURE / KP, DELAY]))
     half = np.array([found.quantile(one) for one in np.eye(5)])
     half *= np.sqrt(np.diag(found.covariance))
@@ -70,11 +70,10 @@ def test_play_is_found_and_widens_what_it_makes_wrong(place):
     assert half[0] < (0.5 if play else 0.1)
     assert off[0] < 0.02 or play
     if place:
-        assert PLACES[int(np.argmax(found.gain[2:]))] == place
-        share = found.size[2:][np.argmax(found.gain[2:])] / (play / 2)
-        assert 0.5 < share < 1.3
+        told, width = found.play
+        assert PLACES[told] == place and 0.5 < width / play < 1.3
     else:
-        assert (found.size[2:] < 2e-4).all()
+        assert found.play[1] == 0.0 and (found.size[2:] < 2e-4).all()
 
 
 def test_a_gear_without_play_moves_as_a_joint():
