@@ -17,6 +17,7 @@ from .fit import (
     FRICTION,
     GRAVITY,
     OFFSET,
+    JointFit,
     OutputError,
     ServoPrior,
     clusters,
@@ -153,11 +154,19 @@ def estimate(given: ServoLogs, report: Callable[[str], None] = lambda _: None) -
             named = effects_of(one.name, one.unit, fit, cluster)
             effects += named
             effects += _play(one, *found.play)
-            sizes = [f.data["size"] for f in named if f.data["effect"] == "stribeck"]
-            excess = float(np.sum(np.array(sizes, dtype=np.float64)))  # of friction at rest
-            one = one.widened(FRICTION, 0.25 * excess)  # half of what it changes with speed
+            for effect in named:
+                one = one.widened(FRICTION, 0.25 * _change(effect, fit))  # half of what it changes
         judged.append(one)
     return ArmEstimate(tuple(judged), fitted.used, None, tuple(effects))
+
+
+def _change(effect: Finding, fit: OutputError[JointFit]) -> float:
+    """Change of a joint's friction over kp by an effect, with speed or by its mean load."""
+    size = float(effect.data["size"])  # type: ignore[arg-type]
+    if effect.data["effect"] != "load":
+        return size
+    load = np.concatenate([log.load for log in fit.of.logs])
+    return size * float(np.exp(fit.x[GRAVITY]) * np.abs(load).mean())
 
 
 _PLACES = (
