@@ -28,7 +28,12 @@ from tests.clinic.servos.simulated import JOINTS, MODEL, TICK, targets, write
 
 Array = np.ndarray
 
-PLACES = ("none", "within the loop", "beyond the motor's encoder", "before the encoder")
+PLACES = (
+    "none",
+    "within the loop",
+    "beyond the motor's encoder",
+    "between the servo's encoder and the log's",
+)
 """Of play: the servo's encoder behind the gear; the servo's and the log's at the motor; the servo's
 at the motor and the log's behind the gear."""
 _STEP = 1e-3  # of the simulation [s]
