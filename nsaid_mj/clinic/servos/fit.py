@@ -135,7 +135,7 @@ class JointFit:
             before = simulate(log, theta)
             shifts = zero, _play(log, zero, theta[GRAVITY])
             own = [simulate(log._replace(target=log.target + u), theta) - before for u in shifts]
-            changes.append(np.column_stack([*own, _slack(log, theta, float(zero[0]))]))
+            changes.append(np.column_stack([*own, _slack(log, theta, float(zero.item()))]))
         return np.concatenate(changes)
 
     def linear(self, x: Array, free: Indices) -> tuple[Array, Array]:
