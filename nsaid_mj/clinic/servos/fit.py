@@ -56,11 +56,12 @@ class Simulated(Protocol):
         ...
 
     def moved(self, x: Array, zero: Array) -> Array:
-        """(N, 5 n) change of the residual by what the equation lacks.
+        """(N, 7 n) change of the residual by what the equation lacks.
 
         First by offsets `zero` (n,) [rad or m] of the joints' targets. Then by backlash: a joint is
-        displaced by `PLAY` times that in the direction of its load. Last by backlash at the three
-        places of `_slack`, over half its width [rad or m].
+        displaced by `PLAY` times that in the direction of its load. Then by backlash at the three
+        places of `_slack`, over half its width [rad or m]. Last by friction that is twice as large
+        at rest, and by friction of the whole load: the two of `Effects`.
         """
         ...
 
@@ -128,14 +129,16 @@ class JointFit:
         return np.concatenate([simulate(log, theta, own) - log.position for log in self.logs])
 
     def moved(self, x: Array, zero: Array) -> Array:
-        """(N, 5) change of the residual by an offset `zero` (1,) of the targets, and by play."""
+        """(N, 7) change by an offset `zero` (1,) of the targets, by play, and by other friction."""
         theta = np.exp(x)
         changes = []
         for log in self.logs:
-            before = simulate(log, theta)
+            before, slopes = differentiated(log, theta)
+            friction = slopes[:, 5:] * [theta[FRICTION], 1.0]
             shifts = zero, _play(log, zero, theta[GRAVITY])
             own = [simulate(log._replace(target=log.target + u), theta) - before for u in shifts]
-            changes.append(np.column_stack([*own, _slack(log, theta, float(zero.item()))]))
+            play = _slack(log, theta, float(zero.item()))
+            changes.append(np.column_stack([*own, play, friction]))
         return np.concatenate(changes)
 
     def linear(self, x: Array, free: Indices) -> tuple[Array, Array]:
@@ -280,9 +283,9 @@ class Spread(NamedTuple):
     # (k, k) covariance that clusters do not tell: by the prior, the zeros, backlash within the loop
     # and the simulation's own accuracy
     rest: Array
-    moved: Array  # (k, 5 n) change of the parameters by what the equation lacks: `Simulated.moved`
-    size: Array  # (5 n,) of each of these that the residual shows
-    gain: Array  # (5 n,) decrease of the cost by it
+    moved: Array  # (k, 7 n) change of the parameters by what the equation lacks: `Simulated.moved`
+    size: Array  # (7 n,) of each of these that the residual shows
+    gain: Array  # (7 n,) decrease of the cost by it
     without: Array  # (G, k) change of the parameters without each cluster, by a Gauss–Newton step
     common: float  # mean dispersion of all numbers of the arm, or the least for such residuals
 
@@ -314,7 +317,7 @@ class Spread(NamedTuple):
     @property
     def play(self) -> tuple[int, float]:
         """Place, as in `_slack`, and width [rad or m] of a joint's play; 0 if none is certain."""
-        place = int(np.argmax(self.gain[2:]))
+        place = int(np.argmax(self.gain[2:5]))
         certain = self.gain[2 + place] > _SURE_OF_PLAY * self.common
         return place, 2 * float(self.size[2 + place]) * certain
 
@@ -374,7 +377,8 @@ def _spread(fit: OutputError, cluster: Indices, zero: Array) -> Spread:
     moved[free] = A @ seen
     left = np.sum(effect**2 * weight[:, None], axis=0) - np.sum(seen * moved[free], axis=0)
     size = -(weight * fit.residual) @ effect / np.maximum(left, 1e-300)
-    size[2 * len(zero) :] = np.clip(size[2 * len(zero) :], 0.0, np.tile(PLAY * zero, 3))
+    most = np.r_[np.tile(PLAY * zero, 3), np.ones(2 * len(zero))]
+    size[2 * len(zero) :] = np.clip(size[2 * len(zero) :], 0.0, most)
     by_zero = moved[:, : len(zero)]
     rest = by_zero @ by_zero.T
     rest[np.ix_(free, free)] += A @ P @ A + _NUMERICAL**2 * np.eye(len(free))
@@ -387,14 +391,16 @@ def _spread(fit: OutputError, cluster: Indices, zero: Array) -> Spread:
 
 
 def _with_slack(spread: Spread) -> Spread:
-    """With the change of the parameters by the backlash of each joint that its residual shows.
+    """With the change of the parameters by what each joint's residual shows of play and friction.
 
-    It is at that place of `_slack` which lowers the cost most; as any further number lowers it by
+    Play is at that place of `_slack` which lowers the cost most. As any further number lowers it by
     the dispersion, that share of its square is not counted.
     """
-    n = spread.moved.shape[1] // 5
+    n = spread.moved.shape[1] // 7
     places = np.arange(2 * n, 5 * n).reshape(3, n)
-    at = places[np.argmax(spread.gain[places], axis=0), np.arange(n)]
+    play = places[np.argmax(spread.gain[places], axis=0), np.arange(n)]
+    at = np.r_[play, 5 * n : 7 * n]
     shown = np.maximum(1 - spread.common / np.maximum(spread.gain[at], 1e-300), 0.0)
-    slack = _PULLS * spread.moved[:, at] * spread.size[at] * np.sqrt(shown)
+    pulls = np.repeat([_PULLS, 1.0, 1.0], n)
+    slack = pulls * spread.moved[:, at] * spread.size[at] * np.sqrt(shown)
     return spread._replace(rest=spread.rest + slack @ slack.T)

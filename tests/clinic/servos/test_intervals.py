@@ -113,7 +113,7 @@ def test_few_clusters_borrow_from_the_arm_s_other_numbers():
         level = size * (level - level.mean()) / level.std()
         of = JointFit.__new__(JointFit)
         of.used, of.spacing, of.unit = np.ones(200), np.ones(200), np.zeros(1) + 1e-9
-        of.moved = lambda x, zero: np.zeros((200, 5))
+        of.moved = lambda x, zero: np.zeros((200, 7))
         prior = ServoPrior(np.zeros(1), np.full(1, 1e6))
         residual = level[cluster]
         fits.append(OutputError(of, prior, np.zeros(1), residual, np.ones((200, 1)), 10.0))
