@@ -188,10 +188,13 @@ class JointRows(Rows):
         found[:, list(coupling.leaders)] = np.einsum("jk,njp->nkp", coupling.ratio, rows)
         return found
 
-    def leading(self, lead: float) -> JointRows:
-        """The rows with dry friction that turns so long [s] before the velocity does."""
+    def turning(self, lead: float = 0.0, slower: float = 1.0) -> JointRows:
+        """The rows with dry friction that turns so long [s] before the velocity does, or slower.
+
+        Its speeds are `slower` times those of `SPEEDS`.
+        """
         found = copy.copy(self)
-        found.motions = [motion._replace(v=motion.v + lead * motion.a) for motion in self.motions]
+        found.motions = [m._replace(v=(m.v + lead * m.a) / slower) for m in self.motions]
         found.diagonal = Diagonal(found._fastened)
         same = [name for name in self.diagonal if name not in FASTENED]
         found.diagonal.update({name: self.diagonal[name] for name in same})
