@@ -160,7 +160,7 @@ _SMOOTHER = 0.8  # ratio of roughness below which positions are on the regular c
 _MOST_LOST = 0.2  # share of lost rows above which there is no regular clock
 _SURE = 0.2  # deviation of a count of periods, from the positions' steps, up to which it is sure
 _COARSE = 2.0  # usual step, in those of the sensor, from which no step at all is no reading
-_AROUND_STEP = 4  # rows on either side from which the usual step is taken
+_BESIDE = 4  # rows on either side from which the usual step is taken
 _MISSED = 100  # lost rows, at most, that positions at rest do not show
 _RARE = 12.0  # cost of such a row, in squares of deviations
 
@@ -203,18 +203,16 @@ def regular(t: Array, positions: Sequence[Array]) -> Regular | None:
 
 
 def _periods(t: Array, x: Array) -> np.ndarray:
-    """(N − 1,) periods between rows, from the steps of positions x (N, k) against those around them.
+    """(N − 1,) periods between rows, from the steps of positions x (N, k) to the usual one.
 
-    The usual step is that of the rows around, of stamps t (N,) [s]. 0 where all positions of a
+    The usual step is that of the rows around, with stamps t (N,) [s]. 0 where all positions of a
     moving robot repeat: the row was written before the sensor's next reading. 1 where they move too
     slowly to tell.
     """
     steps = np.diff(x, axis=0)
     rows = np.arange(len(steps))
-    first, last = (
-        np.maximum(rows - _AROUND_STEP, 0),
-        np.minimum(rows + 1 + _AROUND_STEP, len(steps)),
-    )
+    first = np.maximum(rows - _BESIDE, 0)
+    last = np.minimum(rows + 1 + _BESIDE, len(steps))
     speed = (x[last] - x[first]) / np.maximum(t[last] - t[first], 1e-9)[:, None]
     usual = speed * np.median(np.diff(t))
     noise = np.median(np.abs(np.diff(steps, 2, axis=0)), axis=0) / 0.6745

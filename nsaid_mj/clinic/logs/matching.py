@@ -225,14 +225,22 @@ def _lacking(quantity: Quantity, channels: Iterable[str], joints: Sequence[str])
 
 
 def _fewer(channels: Iterable[str], joints: Sequence[str]) -> list[str]:
-    """The joints covered by the log according to its names, if these are not all joints."""
+    """How to lock the joints that the log does not cover according to its names or numbers."""
     named: dict[Quantity, set[str]] = {quantity: set() for quantity in WORDS}
+    counts: dict[Quantity, int] = dict.fromkeys(WORDS, 0)
     for (quantity, _, _), members in _members(channels, joints).items():
         named[quantity] |= set(members)
+        counts[quantity] = max(counts[quantity], sum(key.isdigit() for key in members))
     own = [j for j in joints if j in named["position"] and j in named["command"]]
-    if not own or any(j in set().union(*named.values()) for j in set(joints) - set(own)):
+    if any(j in set().union(*named.values()) for j in set(joints) - set(own)):
         return []
-    return [f"If all other joints stood still, `--joints {','.join(own)}` locks them."]
+    if own:
+        return [f"If all other joints stood still, `--joints {','.join(own)}` locks them."]
+    first = counts["position"]
+    if first != counts["command"] or not 1 < first < len(joints):
+        return []
+    text = f"If the channels are the first {first} joints, and the others, as those of a gripper, "
+    return [f"{text}stood still, `--lock {','.join(joints[first:])}` holds these."]
 
 
 def candidates(
