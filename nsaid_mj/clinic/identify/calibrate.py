@@ -341,8 +341,8 @@ def unphysical(joints: Sequence[JointStructure]) -> list[Finding]:
     """
     text = (
         "no possible masses and frictions predict its command as well as least squares without "
-        "bounds, {:.2g} % against {:.2g} %: another force than the logged one moved the joint, such "
-        "as a hand, or its zero or axis is not the model's"
+        "bounds, {:.2g} % against {:.2g} %: another force than the logged one moved the joint, "
+        "such as a hand, or its zero or axis is not the model's"
     )
     return [
         Finding(

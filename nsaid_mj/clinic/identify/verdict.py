@@ -32,7 +32,7 @@ _OF_MOTOR = 0.3  # error over a motor's largest force, above which it explains n
 
 def only_unbounded(joint: JointStructure) -> bool:
     """Whether least squares without physical bounds predict a joint far better than the fit."""
-    return joint.held_out > max(_ROUGH, _UNBOUNDED * joint.least_squares)
+    return joint.held_out > _ROUGH and joint.held_out > _UNBOUNDED * joint.least_squares
 
 
 class JudgedPart(NamedTuple):
