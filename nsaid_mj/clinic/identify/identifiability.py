@@ -355,6 +355,8 @@ def with_known(problem: FitProblem, known: Mapping[str, float]) -> FitProblem:
             raise InvalidInput(name, expected, value, f"Its unit is {space.units[index]}.")
         if mass:
             prior[place] *= value / prior[index]  # scale the whole link, which stays physical
+        at, gains = problem.size.by_gain()
+        prior[at[gains == index]] *= value / prior[index]
         prior[index] = value
         fixed[index] = True
     return replace(problem, prior=prior, known=fixed)
