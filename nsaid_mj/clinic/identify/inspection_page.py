@@ -105,8 +105,8 @@ def _cells(channel: ChannelFigures) -> list[Cell]:
 def draw_inspection(found: Inspection, path: Path) -> Path:
     """Draws q, v and u of every joint over time, or all channels if they are not matched, as PNG.
 
-    Rows that are not used for a joint are marked on its velocity, and phases that take no part in
-    the fit are grey, with their kinds. Returns the path.
+    Rows that are not used for a joint are marked on its velocity, phases that take no part in the
+    fit are grey, with their kinds, and changes of a controller's mode are dotted. Returns the path.
     """
     if found.recordings is not None and found.robot is not None:
         lines = _signals(found.recordings, found.robot)
@@ -143,9 +143,23 @@ def _parts(recordings: Recordings) -> list[_Part]:
     return found
 
 
+def _modes(recordings: Recordings) -> list[tuple[float, str]]:
+    """Where each mode of a controller begins on the axis of all logs [s], and its name."""
+    found: list[tuple[float, str]] = []
+    start = 0.0
+    for phase in recordings.phases:
+        first, last = phase.log.t[[0, -1]].tolist()
+        for mode in phase.own_modes:
+            if not found or found[-1][1] != mode.name:
+                found.append((start + mode.start - first, mode.name))
+        start += last - first
+    return found
+
+
 def _signals(recordings: Recordings, robot: RobotModel) -> list[Line]:
     """A line for each joint, or for each position, velocity and command of a vehicle."""
     parts = _parts(recordings)
+    modes = _modes(recordings)
     names = signal_names(robot)
     own = zip(names["u"], recordings.command_units, strict=False)
     names["u"] = [(name, unit) for (name, _), unit in own] or names["u"]
@@ -157,7 +171,7 @@ def _signals(recordings: Recordings, robot: RobotModel) -> list[Line]:
             if j < len(columns):
                 name, unit = columns[j]
                 label = f"{name} [{unit}]" if unit else name
-                line[title] = partial(_phases, parts, place, j, label)
+                line[title] = partial(_phases, parts, modes, place, j, label)
         lines.append(line)
     return lines
 
@@ -175,8 +189,18 @@ def _channels(found: Inspection) -> list[Line]:
     return lines
 
 
-def _phases(parts: Sequence[_Part], place: int, j: int, label: str, axis: Axes) -> None:
-    """Draws column j of the q, v or u (`place` 1, 2 or 3) of all parts; those left out are grey."""
+def _phases(
+    parts: Sequence[_Part],
+    modes: Sequence[tuple[float, str]],
+    place: int,
+    j: int,
+    label: str,
+    axis: Axes,
+) -> None:
+    """Draws column j of the q, v or u (`place` 1, 2 or 3) of all parts; those left out are grey.
+
+    `modes` are the times at which a controller's modes begin, and their names.
+    """
     used = 0
     for part in parts:
         t = part.log.t - part.log.t[0] + part.start
@@ -194,6 +218,10 @@ def _phases(parts: Sequence[_Part], place: int, j: int, label: str, axis: Axes) 
             axis.axvspan(t[0], t[-1], color=GRID, zorder=0)
             top = axis.get_xaxis_transform()
             axis.text(t[0], 0.97, f" {part.kind}", fontsize=6, va="top", transform=top)
+    for time, name in modes:
+        axis.axvline(time, color=COLOURS[8], linestyle=":", linewidth=0.8)
+        bottom = axis.get_xaxis_transform()
+        axis.text(time, 0.03, f" {name}", fontsize=6, va="bottom", clip_on=True, transform=bottom)
     axis.margins(x=0.0)
     axis.set_ylabel(label)
     axis.set_xlabel("t [s]")

@@ -500,6 +500,7 @@ class Phases:
 
     armed: Name | None = None  # column that is 0 while the motors are off
     landed: Name | None = None  # column that is not 0 while the vehicle stands on the ground
+    mode: Name | None = None  # column of a controller's mode, a number; it is shown, nothing more
     leave_out: tuple[Span, ...] = ()  # start and end [s] of further parts
     detect: Flag = True  # whether parts are also found from the signals
 

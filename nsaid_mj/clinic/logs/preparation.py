@@ -35,7 +35,7 @@ from .layout import (
 )
 from .mapping import Map
 from .pd_law import held_mean
-from .phases import LogPhase, events_of, phases, phases_stated
+from .phases import LogPhase, events_of, modes_stated, phases, phases_stated
 from .recordings import LogSegment, Recordings
 from .tables import LogTable, join, values_of
 from .unusable import UnusableLog
@@ -95,7 +95,7 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
             findings.append(Finding("note", "on_stand", "base", text))
     del tables  # a log may be large, and what was read is not needed besides what was cleaned
     short: list[ShortStretch] = []
-    cleaned = _cleaned(recordings, made, mapping, findings, short)
+    cleaned = _cleaned(recordings, made, mapping, robot, findings, short)
     if not cleaned:
         raise UnusableLog(tuple(findings))
     if (clock := gross_clock(cleaned, findings)) is not None:
@@ -109,6 +109,7 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
         seen += parts
     stated = phases_stated(seen, "note")
     findings[:0] = stated  # what the rest is said of comes first
+    findings += modes_stated(seen)
     findings += short_stated(short, len(segments), SHORTEST)
     if sum(len(segment.log.t) for segment in segments) < LEAST * rate:
         text = f"no interval of {LEAST} s has all signals"
@@ -139,15 +140,18 @@ def _cleaned(
     recordings: list[LogTable],
     made: Layout,
     mapping: Map,
+    robot: RobotModel,
     findings: list[Finding],
     short: list[ShortStretch],
 ) -> list[Cleaned]:
     """The recordings with numbers in all channels; empties their list."""
     cleaned = []
+    kinds = [] if robot.jointed else [c.kind for c in robot.system.structure.columns]
+    actuator = next((kind for kind in ("rotor", "thruster") if kind in kinds), "")
     while recordings:
         table = recordings.pop(0)
         log, said = clean(table, made)
-        log = log._replace(events=events_of(table.channels, mapping.phases))
+        log = log._replace(events=events_of(table.channels, mapping.phases, actuator))
         findings += said
         few, signal = min(log.signals.items(), key=lambda item: len(item[1].t))
         if len(signal.t) > 9:
