@@ -614,8 +614,10 @@ def _shares(products: Array) -> Array:
     `products` (p, p) are the means of the products of two parameters' forces.
     """
     p = len(products)
-    factor = np.linalg.cholesky(products + _TRUST**2 * np.eye(p))
-    b = np.linalg.solve(factor, _TRUST**2 * np.ones(p))
+    rounding = p * np.finfo(float).eps * np.trace(products)  # of forces that commands hardly make
+    trust = _TRUST**2 + rounding
+    factor = np.linalg.cholesky(products + trust * np.eye(p))
+    b = np.linalg.solve(factor, trust * np.ones(p))
     return np.asarray(
         scipy.optimize.lsq_linear(factor.T, b, bounds=(1 / _UNSURE, _UNSURE), method="bvls").x
     )

@@ -386,7 +386,7 @@ def _by_signals(parts: _Parts) -> tuple[np.ndarray, dict[str, str]]:
     held = still & ~off & np.any(lacks > _UNBALANCED, axis=1)
     if supported:
         carried = _long(~still & off & (lacks[:, 0] > _SUPPORT))
-        kinds[_wider(carried, ~parts.calm)] = "carried"
+        kinds[_wider(carried, ~parts.calm & (lacks[:, 0] > _UNBALANCED))] = "carried"
     else:
         held &= np.any(_change(parts, 4 * _WINDOW) / large > _PUSHES, axis=1)
     held = _long(held)
@@ -395,7 +395,7 @@ def _by_signals(parts: _Parts) -> tuple[np.ndarray, dict[str, str]]:
     reasons = {
         "at rest": "nothing moves and the motors are off, so what carries it is unknown",
         "held": "nothing moves while the motors push: something holds it",
-        "carried": "it moves while the motors are off, and does not fall",
+        "carried": "it does not fall while the motors hardly carry it",
     }
     return _with_impacts(kinds, parts, reasons), reasons
 
