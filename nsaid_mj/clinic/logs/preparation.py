@@ -291,7 +291,7 @@ def _segments(
             rows = rows_of(reference, grid[kept.start], grid[kept.stop - 1])
             moved = own.part(kept.start, kept.stop)
             imu = _imu(moved.t, log, findings)
-            felt = _felt(log, moved.t)
+            felt = _felt(log, moved, rate)
             segments.append(LogSegment(moved, usable[kept], source, rows, imu, felt))
     if segments and drop_rest:
         findings.append(limits_stated(source, segments, limits, robot))
@@ -330,10 +330,12 @@ def _differentiated(made: Layout, robot: RobotModel, rate: float, source: str) -
     return [Finding("note", "differentiated", source, text, data={"joints": missing})]
 
 
-def _felt(log: Cleaned, grid: Array) -> Array | None:
-    """(N, 3) specific force of a vehicle on a grid; None if it is not measured."""
+def _felt(log: Cleaned, moved: Log, rate: float) -> Array | None:
+    """(N, 3) specific force of a vehicle along a motion; None if it is not measured."""
     made = log.made
-    return made.force(_on_grid(log, grid, made.specific)) if made.specific else None
+    if not made.specific:
+        return None
+    return made.force(_on_grid(log, moved.t, made.specific), moved.v, rate)
 
 
 def _log(grid: Array, log: Cleaned, hold: bool, rate: float) -> Log:
