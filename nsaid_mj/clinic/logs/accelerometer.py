@@ -20,11 +20,12 @@ from .frames import (
     Match,
     TwistPart,
     as_is,
+    axes_in_words,
     best,
     columns_of,
-    other_pose,
-    other_twist,
+    other_axes,
     raw_turn,
+    read_as,
     said_axes,
     slow_band,
 )
@@ -34,7 +35,7 @@ from .recordings import LogSegment, Recordings
 from .remedies import remedy_of
 
 _CONTRADICTS = 0.15  # difference of errors (0 to 1) from which other axes are certain
-_FOLLOWS = 0.3  # error up to which a force follows from attitude and velocity
+_FOLLOWS = 0.4  # error up to which a force follows, or that other axes must take away
 _LIKE_IT = 0.15  # relative difference of a scale from that of a unit
 _BLOCKS = 8  # parts of the log by which a place is judged
 _SURE = 4.0  # distance over its deviation between these parts
@@ -68,7 +69,8 @@ def accelerometer_causes(recordings: Recordings) -> list[Finding]:
         found = _Reading(before, "", {})
     unit, changes, scale = _unit(found.match.scale, vehicle)
     words = [part for part in (found.words, unit) if part]
-    if found.match.error > _FOLLOWS or (scale and not found.words):
+    gained = before.error - found.match.error
+    if (found.match.error > _FOLLOWS and gained < _FOLLOWS) or (scale and not found.words):
         text = "the accelerometer does not follow from attitude and velocity under any axes "
         text += f"(error {100 * found.match.error:.2g} %, size {number(found.match.scale)} times)"
         remedy = "Check its columns, or leave out `acceleration`; the fit does without it."
@@ -105,16 +107,13 @@ def _readings(own: TwistPart, segment: LogSegment, rate: float, vehicle: Vehicle
             turn = raw_turn(match.turn, vehicle, base == "world")
             changes = columns_of("acceleration", turn, vehicle)
         found.append(_Reading(match, words, None if base in bases else changes))
-    turned = segment._replace(
-        log=segment.log._replace(q=other_pose(segment.log.q), v=other_twist(segment.log.v)),
-        specific=segment.specific @ FRD,
-    )
-    frame = "NED/FRD" if vehicle.frame == "ENU/FLU" else "ENU/FLU"
-    words = f"pose, velocities and accelerometer are in {frame} axes"
-    whole = as_is(_part(turned, rate))
-    # as many axes are turned, so that the error alone decides between both
-    whole = whole._replace(handicap=found[0].match.handicap)
-    found.append(_Reading(whole, words, {"vehicle.frame": frame}))
+    for axes in other_axes(vehicle):
+        q, v = read_as(segment.log.q, segment.log.v, vehicle, axes)
+        specific = segment.specific @ FRD if "vehicle.frame" in axes else segment.specific
+        turned = segment._replace(log=segment.log._replace(q=q, v=v), specific=specific)
+        # as many axes are turned as below, so that the error alone decides between both
+        match = as_is(_part(turned, rate))._replace(handicap=found[0].match.handicap)
+        found.append(_Reading(match, axes_in_words(axes), axes))
     return found
 
 
