@@ -27,6 +27,7 @@ from .frames import (
     raw_turn,
     read_as,
     said_axes,
+    signed_permutations,
     slow_band,
 )
 from .layout import FRD, leverage
@@ -42,7 +43,8 @@ _SURE = 4.0  # distance over its deviation between these parts
 _LEAST = 0.03  # distance that is told [m]
 _MOST = 3.0  # and that of a sensor on a vehicle [m]
 _LESS = 0.8  # ratio of the residuals with and without it
-_ALONG = 0.8  # share of the mean force along one axis, from which it is gravity's
+_ALONG = 0.8  # share of the force along the vertical, from which it is gravity
+_ALIKE = 0.03  # difference of such shares that tells no axes
 
 
 class _Reading(NamedTuple):
@@ -64,24 +66,23 @@ def accelerometer_causes(recordings: Recordings) -> list[Finding]:
         return _by_gravity(segment, vehicle)
     own = _part(segment, recordings.rate)
     before = as_is(own)
-    found = min(_readings(own, segment, recordings.rate, vehicle), key=_cost)
-    if before.error - found.match.error < _CONTRADICTS:
-        found = _Reading(before, "", {})
+    likeliest = min(_readings(own, segment, recordings.rate, vehicle), key=_cost)
+    gained = before.error - likeliest.match.error
+    found = likeliest if gained > _CONTRADICTS else _Reading(before, "", {})
     unit, changes, scale = _unit(found.match.scale, vehicle)
     words = [part for part in (found.words, unit) if part]
-    gained = before.error - found.match.error
-    if (found.match.error > _FOLLOWS and gained < _FOLLOWS) or (scale and not found.words):
+    lost = found.match.error > _FOLLOWS and gained < _FOLLOWS
+    if lost or found.changes is None or (scale and not found.words):
         text = "the accelerometer does not follow from attitude and velocity under any axes "
-        text += f"(error {100 * found.match.error:.2g} %, size {number(found.match.scale)} times)"
-        remedy = "Check its columns, or leave out `acceleration`; the fit does without it."
+        text += f"(error {100 * found.match.error:.2g} %, size {number(1 / found.match.scale)} "
+        text += f"times); likeliest {likeliest.words or 'it is of something else'}"
+        remedy = "Map the measured acceleration with gravity, or leave `acceleration` out: the fit "
+        remedy += "does without it."
         return [Finding("warning", "accelerometer", "", text, remedy)]
     if not words:
         return _place(segment, recordings.rate, vehicle)
     text = f"the accelerometer contradicts attitude and velocity: {' and '.join(words)} (squared "
     text += f"error {100 * before.error:.2g} % → {100 * found.match.error:.2g} %)"
-    if found.changes is None:
-        remedy = "Map the measured acceleration with gravity, or leave `acceleration` out."
-        return [Finding("refusal", "accelerometer", "", text, remedy)]
     changes |= found.changes
     data = {"map": changes, "error": before.error, "turned": found.match.error}
     return [Finding("refusal", "accelerometer", "", text, remedy_of(changes), data)]
@@ -149,37 +150,37 @@ def _unit(scale: float, vehicle: Vehicle) -> tuple[str, dict[str, object], bool]
 
 
 def _by_gravity(segment: LogSegment, vehicle: Vehicle) -> list[Finding]:
-    """Findings where no velocity is measured: the mean force is gravity, upwards."""
+    """Findings where no velocity is measured: on average the force along the vertical is gravity.
+
+    Axes that the vehicle never turns up are not told; those of usual frames come first.
+    """
     assert segment.specific is not None
-    up = Rotation.from_quat(segment.log.q[:, 3:7]).inv().apply([0.0, 0.0, 1.0]).mean(axis=0)
-    mean = segment.specific.mean(axis=0)
-    size = float(np.linalg.norm(mean))
-    if not size > 0 or not np.linalg.norm(up) > _ALONG:  # it turns over
+    up = Rotation.from_quat(segment.log.q[:, 3:7]).inv().apply([0.0, 0.0, 1.0])
+    size = float(np.mean(np.linalg.norm(segment.specific, axis=1)))
+    if not size > 0:
         return []
-    unit, changes, other = _unit(GRAVITY / size, vehicle)
-    where = int(np.argmax(np.abs(mean)))
-    wanted = int(np.argmax(np.abs(up)))
-    if abs(mean[where]) < _ALONG * size or abs(up[wanted]) < _ALONG:
+    both = segment.specific.T @ up / (len(up) * size)  # (3, 3) means of products
+    turns = sorted(signed_permutations(3), key=lambda turn: float(np.sum(np.diag(turn) != 1)))
+    turns = [np.eye(3), FRD, -np.eye(3), *turns]
+    along = np.array([np.sum(turn * both) for turn in turns])
+    k = int(np.argmax(along > along.max() - _ALIKE))
+    if along[k] < _ALONG:
         return []
-    words = [unit] if unit else []
+    if along[0] > along[k] - _CONTRADICTS:
+        k = 0
+    words, changes, other = _unit(GRAVITY / (size * float(along[k])), vehicle)
     if other:
-        text = f"the accelerometer's mean is {number(size)} {vehicle.acceleration_unit}, which is "
-        text += "not gravity"
+        text = f"the accelerometer measures {number(size)} {vehicle.acceleration_unit} on average, "
+        text += "which is not gravity"
         remedy = "Map the measured acceleration with gravity, or leave `acceleration` out."
         return [Finding("refusal", "accelerometer", "", text, remedy)]
-    if where != wanted:
-        names = ("forward", "left", "up")
-        text = f"the accelerometer feels gravity along its {names[where]} axis, and the attitude "
-        text += f"says along {names[wanted]}"
-        remedy = "Correct the order of `acceleration` in map.toml."
-        return [Finding("refusal", "accelerometer", "", text, remedy)]
-    if mean[where] * up[wanted] < 0:
-        words.append("it feels gravity downwards, as no accelerometer does")
-        turn = FRD if where == 2 else -np.eye(3)
-        changes |= columns_of("acceleration", raw_turn(turn, vehicle, False), vehicle)
-    if not words:
+    said = [words] if words else []
+    if k:
+        said.append(f"it is along {said_axes(turns[k], False, vehicle)}")
+        changes |= columns_of("acceleration", raw_turn(turns[k], vehicle, False), vehicle)
+    if not said:
         return []
-    text = f"the accelerometer contradicts the attitude: {' and '.join(words)}"
+    text = f"the accelerometer contradicts the attitude: {' and '.join(said)}"
     return [Finding("refusal", "accelerometer", "", text, remedy_of(changes), {"map": changes})]
 
 

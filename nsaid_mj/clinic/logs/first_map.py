@@ -111,14 +111,15 @@ _FEET = """
 
 _AXES = """\
 # order = "xyzw"  # or wxyz, of the quaternion
-# twist = "body"  # or world, the axes of `linear`
+# twist = "body"  # or world, the axes of `linear`; `angular_axes` those of `angular`
 # frame = "ENU/FLU"  # or NED/FRD
 # Instead of a quaternion, euler = ["roll", "pitch", "yaw"] in degrees, or in radians with
 # euler_unit = "rad". Without `linear` or `angular` the pose is differentiated; `position` may be
 # left out where `linear` is given. Without both the rotation alone is identified, with what these
 # tell, if the log has them:
 # depth = "depth"  # [m]
-# acceleration = ["ax", "ay", "az"]  # as an accelerometer measures it [m/s²]
+# acceleration = ["ax", "ay", "az"]  # as an accelerometer measures it; checked beside velocities
+# acceleration_unit = "m/s²"  # or g
 """
 _IN_SPACE = {
     "position": ("positionx positiony positionz", "posx posy posz", "px py pz", "x y z"),

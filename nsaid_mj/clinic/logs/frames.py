@@ -344,14 +344,19 @@ def _match(part: TwistPart, base: str, turn: Array) -> Match:
 
 def best(part: TwistPart) -> Match:
     """The axes in which a velocity follows best from the pose."""
-    k = part.measured.shape[1]
-    matches = []
-    for base in part.bases:
-        for order, signs in product(permutations(range(k)), product((1.0, -1.0), repeat=k)):
-            turn = np.zeros((k, k))
-            turn[np.arange(k), order] = signs
-            matches.append(_match(part, base, turn))
+    turns = signed_permutations(part.measured.shape[1])
+    matches = [_match(part, base, turn) for base in part.bases for turn in turns]
     return min(matches, key=lambda match: match.error + match.handicap)
+
+
+def signed_permutations(k: int) -> list[Array]:
+    """All orders and signs of k axes, (k, k) each."""
+    found = []
+    for order, signs in product(permutations(range(k)), product((1.0, -1.0), repeat=k)):
+        turn = np.zeros((k, k))
+        turn[np.arange(k), order] = signs
+        found.append(turn)
+    return found
 
 
 def _turned(
