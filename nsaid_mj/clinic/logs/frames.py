@@ -45,6 +45,7 @@ _SHORTEST = 0.1  # length of a segment, over that of the longest, that counts be
 _UNSURE = 2.5  # factor by which a sheet's numbers may be off
 _TRUST = 0.03  # error of the forces for which one of them is off by 100 %
 _BALANCED = 0.02  # error up to which forces are equally good
+_CONFIRMS = 0.9  # the same in either half of the log, of other commands
 _DRIVES = 0.6  # ratio of the errors of the sheet's forces below which other axes are certain
 
 
@@ -521,7 +522,7 @@ def _driven(recordings: Recordings, robot: RobotModel) -> list[Finding]:
             ratio = _DRIVES * _ratio(error, own)  # of two changes, each must be needed
     signed = np.any([(u < 0).any(axis=0) for _, _, u in motions], axis=0)
     other = rewired(balance.errors, signed, driven)
-    if other is not None:
+    if other is not None and _confirmed(other[0], robot, motions, recordings):
         wiring, error = other
         names = list(robot.joints)
         changes = wiring.changes(names)
@@ -533,6 +534,32 @@ def _driven(recordings: Recordings, robot: RobotModel) -> list[Finding]:
     text += f": the sheet's forces then fit with {100 * error[driven].mean():.2g} % error instead "
     text += f"of {100 * own[driven].mean():.2g} %"
     return [Finding("refusal", code, "", text, remedy_of(changes), {"map": changes})]
+
+
+def _confirmed(
+    wiring: Wiring, robot: RobotModel, motions: Sequence[Motion], recordings: Recordings
+) -> bool:
+    """Whether either half of a log fits better under a wiring.
+
+    A robot that lies still while a command differs from zero for a moment fits any.
+    """
+    halves = zip(
+        *([(q[a], v[a], u[a]) for a in _halves(len(q))] for q, v, u in motions), strict=True
+    )
+    for half in halves:
+        balance = SheetBalance(robot, half, recordings)
+        driven = balance.driven
+        if not driven.any():
+            return False
+        if not size_of(balance.errors(wiring), driven) < _CONFIRMS * size_of(
+            balance.errors(), driven
+        ):
+            return False
+    return True
+
+
+def _halves(count: int) -> tuple[slice, slice]:
+    return slice(None, count // 2), slice(count // 2, None)
 
 
 def other_axes(vehicle: Vehicle) -> list[dict[str, object]]:
