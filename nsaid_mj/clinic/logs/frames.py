@@ -45,6 +45,7 @@ _SHORTEST = 0.1  # length of a segment, over that of the longest, that counts be
 _UNSURE = 2.5  # factor by which a sheet's numbers may be off
 _TRUST = 0.03  # error of the forces for which one of them is off by 100 %
 _BALANCED = 0.02  # error up to which forces are equally good
+_ROUNDING = 1e-16  # mean square of a force over the largest, below which it is 0
 _CONFIRMS = 0.9  # the same in either half of the log, of other commands
 _DRIVES = 0.6  # ratio of the errors of the sheet's forces below which other axes are certain
 
@@ -541,13 +542,14 @@ def _confirmed(
 ) -> bool:
     """Whether either half of a log fits better under a wiring.
 
-    A robot that lies still while a command differs from zero for a moment fits any.
+    Only changes of forces count, as constant ones may be anything: a robot that lies still while a
+    command differs from zero fits any wiring.
     """
     halves = zip(
         *([(q[a], v[a], u[a]) for a in _halves(len(q))] for q, v, u in motions), strict=True
     )
     for half in halves:
-        balance = SheetBalance(robot, half, recordings)
+        balance = SheetBalance(robot, half, recordings, changes=True)
         driven = balance.driven
         if not driven.any():
             return False
@@ -651,13 +653,19 @@ class SheetBalance:
     """The forces of a vehicle's sheet along a motion, of which commands may be exchanged.
 
     Its numbers are as uncertain as sheets are, none of another sign. Without the linear velocities
-    where these are not measured.
+    where these are not measured. With `changes`, mean forces do not count.
 
     Attributes:
         driven: (n,) velocities on which actuators act.
     """
 
-    def __init__(self, robot: RobotModel, motions: Sequence[Motion], recordings: Recordings):
+    def __init__(
+        self,
+        robot: RobotModel,
+        motions: Sequence[Motion],
+        recordings: Recordings,
+        changes: bool = False,
+    ):
         assert robot.prior is not None  # every vehicle has one
         system = robot.system
         rate = recordings.rate
@@ -682,13 +690,15 @@ class SheetBalance:
                 W = system.regressor(*motion, u)[:, self._measured]
                 # a tyre at rest has no slip
                 W = (np.where(np.isfinite(W), W, 0.0) * self._prior)[:, :, wanted]
-                found.append(signals.low_pass(W.reshape(len(W), -1), cut).reshape(W.shape))
+                forces = signals.low_pass(W.reshape(len(W), -1), cut).reshape(W.shape)
+                found.append(forces - forces.mean(axis=0) if changes else forces)
             return np.concatenate(found)
 
         self._parts = parts
         self._u = [u for _, _, u in motions]
         self._own = parts(self._u, np.ones(len(self._acting), bool))
-        self.driven = np.mean(self._own[:, :, self._acting] ** 2, axis=(0, 2)) > 0
+        sizes = np.mean(self._own**2, axis=0)
+        self.driven = sizes[:, self._acting].mean(axis=1) > _ROUNDING * sizes.max(axis=1)
 
     def errors(self, wiring: Wiring | None = None) -> Array:
         """(n,) errors of the forces over the size of all, with the commands of a wiring."""
