@@ -201,3 +201,18 @@ def test_short_episodes_count_together_and_what_is_too_short_is_counted():
     assert len(found.segments) == 15
     (finding,) = [f for f in found.findings if f.code == "short_stretch"]
     assert finding.data["count"] == 4 and "4 of 19" in finding.text
+
+
+def test_a_flight_out_of_the_hand_is_not_carried(tmp_path):
+    """Nothing lay still between both: the whole flight counted as carried."""
+    drawn = draw(5, tmp_path, "carried", "crazyflie")
+    ((_, end),) = drawn.out
+    head, *lines = drawn.log.read_text().splitlines()
+    t = np.array([float(line.split(",")[0]) for line in lines])
+    kept = [line for line, time in zip(lines, t, strict=True) if not end - 1 < time < end]
+    step = t[1] - t[0]
+    stamped = [f"{k * step:.6g},{line.partition(',')[2]}" for k, line in enumerate(kept)]
+    drawn.log.write_text("\n".join([head, *stamped]))
+    parts = left_out(read(drawn))
+    assert parts[-1][0] == "carried"
+    assert parts[-1][2] == pytest.approx(end - 1, abs=0.6)
