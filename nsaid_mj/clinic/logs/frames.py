@@ -336,7 +336,7 @@ def _match(part: TwistPart, base: str, turn: Array) -> Match:
     scale = float(np.sqrt(theirs.sum()) / max(np.sqrt(own.sum()), 1e-300))
     whole = scale**2 * own + theirs
     difference = np.maximum(whole - 2 * scale * both, 0.0)
-    error = 0.5 * difference / np.maximum(whole, 1e-300)
+    error = 0.5 * np.where(whole > 0, difference / np.maximum(whole, 1e-300), 1.0)  # 1: one is 0
     turned = int(np.sum(np.diag(turn) != 1))
     handicap = _UNUSUAL * turned + _CHANGED * (base != "body") + _CHANGED * (base == "other world")
     return Match(

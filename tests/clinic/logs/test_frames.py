@@ -121,15 +121,15 @@ def test_a_level_vehicle_of_one_heading_shows_the_axes_of_its_velocities(stated,
 
 def test_a_robot_on_a_bench_has_no_exchanged_commands():
     """Constant forces may be anything: noise and one step made three thrusters exchanged."""
-    rng = np.random.default_rng(2)
+    rng = np.random.default_rng(0)
     t = np.arange(0, 9, 0.1)
-    still = rng.normal(size=(len(t), 6)) * [1e-3, 1e-3, 1e-3, 2e-4, 2e-4, 2e-4]
-    still += [0.0, 0.0, 0.0, -8e-3, 6e-3, -2e-3]  # a gyroscope's bias
-    still[:, 1] += 1e-3 * t
-    table = {"t": t, "x": 0 * t, "y": 0 * t, "z": 0 * t, "qx": 0 * t, "qy": 0 * t, "qz": 0 * t}
-    table |= {"qw": 1 + 0 * t} | dict(zip(("vx", "vy", "vz", "p", "q", "r"), still.T, strict=True))
+    v = rng.normal(size=(len(t), 6)) * [5e-4, 5e-4, 5e-4, 2e-4, 2e-4, 2e-4]
+    v += [-2e-3, 0.0, 0.0, -8e-3, 6e-3, -2e-3]  # a gyroscope's bias
+    v[:, 1] += 0.009 / (1 + np.exp(-4 * (t - 3.5)))  # and an estimate that drifts
+    table = {"t": t, "x": 0 * t, "y": 0 * t, "z": 0 * t, "qw": 1 + 0 * t}
+    table |= {name: 1e-5 * rng.normal(size=len(t)) for name in ("qx", "qy", "qz")}
+    table |= dict(zip(("vx", "vy", "vz", "p", "q", "r"), v.T, strict=True))
     steps = np.array([-15, 20, 15, -20, 0, 0, 0, 0]) / 1000
     table |= {f"u{k + 1}": np.where(t > 0.3, u, 0.0) for k, u in enumerate(steps)}
     free = _drawn().map.replace('position = ["x", "y", "z"]\n', "")
-    found = _findings(free, table)
-    assert not {"order", "reversed_sign"} & {finding.code for finding in found}
+    assert _findings(free, table) == []

@@ -209,10 +209,11 @@ def test_a_flight_out_of_the_hand_is_not_carried(tmp_path):
     ((_, end),) = drawn.out
     head, *lines = drawn.log.read_text().splitlines()
     t = np.array([float(line.split(",")[0]) for line in lines])
-    kept = [line for line, time in zip(lines, t, strict=True) if not end - 1 < time < end]
+    still = (t > end - 2.2) & (t < end + 1.5)  # it is put down, lies, and takes off gently
+    kept = [line for line, lies in zip(lines, still, strict=True) if not lies]
     step = t[1] - t[0]
     stamped = [f"{k * step:.6g},{line.partition(',')[2]}" for k, line in enumerate(kept)]
     drawn.log.write_text("\n".join([head, *stamped]))
     parts = left_out(read(drawn))
     assert parts[-1][0] == "carried"
-    assert parts[-1][2] == pytest.approx(end - 1, abs=0.6)
+    assert end - 2.2 <= parts[-1][2] < end - 1.2
