@@ -121,9 +121,9 @@ def identification_page(result: Identification, command: str = "") -> Page:
 
 
 def phases_table(recordings: Recordings) -> list[PageItem]:
-    """The phases of the logs, and why some take no part in the fit; none if all do."""
+    """The phases of the logs, and why some take no part in the fit; none if all do in one mode."""
     found = recordings.phases
-    if all(phase.used for phase in found):
+    if all(phase.used and len(phase.own_modes) < 2 for phase in found):
         return []
     lines: list[list[Cell]] = [list(phase.row) for phase in found]
     return [Table(("log", "time", "phase", "in the fit"), lines, (0, 2, 3), most=_LINES)]
