@@ -103,7 +103,7 @@ def imu_columns(mapping: Map, channels: Sequence[str], walks: bool) -> ImuColumn
     names = f"orientation ({found.orientation[0]} …), angular velocity ({found.gyro[0]} …)"
     if found.accelerometer is not None:
         names += f" and specific force ({found.accelerometer[0]} …)"
-    text = f"the base moves: its {names} were found by name"
+    text = f"its {names} were found by name"
     return ImuColumns((*_sources(found, channels), *of_feet), found, text, feet)
 
 
