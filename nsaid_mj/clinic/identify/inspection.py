@@ -22,7 +22,7 @@ _ALONE = Finding(
     "rotation_alone",
     "",
     "neither position nor linear velocity is given: `nsaid identify` fits roll, pitch and yaw, and "
-    "surge, sway and heave as far as depth or acceleration tell of them",
+    "surge, sway and heave as far as depth or acceleration measure them",
 )
 
 

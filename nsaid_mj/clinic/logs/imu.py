@@ -343,7 +343,7 @@ class ImuReading(NamedTuple):
         if all(together[axis] > 1 - _APART for axis in certain):
             return
         names = ", ".join(f"{together[axis]:.2f} about {'xyz'[axis]}" for axis in axes)
-        text = "the vertical that the orientation tells does not turn as the gyroscope says "
+        text = "the vertical of the orientation does not turn as the gyroscope measures "
         text += f"(correlation {names})"
         changes: dict[str, object] = {}
         if (np.abs(together[axes]) > 1 - _APART).all():

@@ -288,7 +288,7 @@ def _further(joints: Sequence[JointEstimate], loaded: bool) -> str:
     if slow:
         every = len(slow) > 1 and len(slow) == sum(joint.judged for joint in joints)
         who = "all joints" if every else ", ".join(slow)
-        return f"{_FASTER} of {who}: slow motion tells only kv/kp + delay."
+        return f"{_FASTER} of {who}: slow motion determines only kv/kp + delay."
     return "" if loaded else _WEIGH
 
 
