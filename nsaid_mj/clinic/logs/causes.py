@@ -89,7 +89,7 @@ def finding_of(judged: Sequence[RankedCause], where: str, data: dict[str, object
         text += f" (the commands then fit the model with {100 * best.error:.2g} % error; {against})"
     close = len(judged) > 1 and _surprise(judged[1]) - _surprise(best) < -np.log(CLEAR)
     if close and best.error > CLEAR * judged[1].error:
-        text += f"; the log hardly distinguishes it from the next likely cause: {judged[1].cause.name}"
+        text += f"; the log hardly tells it from the next likely cause: {judged[1].cause.name}"
     remedy = remedy_of(best.cause.changes)
     return Finding(
         "refusal", best.cause.code, where, text, remedy, {**data, "map": best.cause.changes}
