@@ -347,7 +347,8 @@ def _sorted(options: Identify | Inspect) -> Identify | Inspect:
         words.remove(files[0])
     if isinstance(options, Inspect):
         return replace(options, logs=tuple(words), log=(), model=model)
-    if model is None and len(options.logs) == 1 and not (files or words[0].exists()):
+    named = len(options.logs) == 1 and not options.logs[0].suffix
+    if model is None and named and not options.logs[0].exists():
         model = str(words.pop(0))
     return replace(options, logs=(), log=tuple(words), model=model)
 
