@@ -21,7 +21,7 @@ from rich.progress import (
 )
 from rich.progress import Progress as Bar
 
-from ..base import clock, on_compiling
+from ..base import Stopwatch
 from .observer import Observer, RobotDescription
 
 if TYPE_CHECKING:
@@ -64,12 +64,12 @@ class Progress(Observer):
         self._stack = ExitStack()
         self._functions = 0
         self._told = -math.inf
-        self._begin = clock()
+        self._watch = Stopwatch()
 
     def __enter__(self) -> Progress:
         """Shows the line."""
         with self._stack as stack:
-            stack.enter_context(on_compiling(self._compiling))
+            stack.enter_context(Stopwatch.on_compiling(self._compiling))
             if self._console.is_terminal:
                 stack.enter_context(self._bar)
             self._stack = stack.pop_all()
@@ -89,7 +89,7 @@ class Progress(Observer):
         The time left is extrapolated from the share of 0 on.
         """
         if not share:
-            self._begin = clock()
+            self._watch = Stopwatch()
         figures = f"{100 * share:.0f} %{self._left(share)}" if share else ""
         self._bar.update(
             self._task,
@@ -103,7 +103,7 @@ class Progress(Observer):
 
     def _left(self, share: float) -> str:
         """The time left when a share has been completed, in words."""
-        return f", about {_in_words((clock() - self._begin) * (1 / share - 1))} left"
+        return f", about {_in_words(self._watch.seconds * (1 / share - 1))} left"
 
     def _tell(self, words: str) -> None:
         """Without a terminal, prints a line, unless the last one was just printed."""
@@ -123,20 +123,20 @@ class Progress(Observer):
         """Shows an empty bar, and announces the cost of a long run."""
         if words := cost_of(scenario, robot.system):
             self._console.print(f"{self._name}: {words}", highlight=False, markup=False)
-        self._begin = clock()
-        self._last = 0.0
+        self._watch = Stopwatch()
+        self._last = -_PERIOD
         self._end = scenario.duration
         self._bar.update(self._task, total=scenario.duration, description=self._name)
 
     def see(self, log: Log, states: dict[str, State], levels: tuple[float, float]) -> None:
         """Updates the bar, at most ten times a second."""
-        now = clock()
+        now = self._watch.seconds
         if now - self._last < _PERIOD:
             return
         self._last, t = now, float(log.t[-1])
         if t <= 0:
             return
-        speed = t / max(now - self._begin, 1e-9)
+        speed = t / max(now, 1e-9)
         dv = states[""].v_hat - log.v[-1]
         figures = f"{t:.1f} of {self._end:g} s{self._left(t / self._end)}"
         self._bar.update(
@@ -146,7 +146,7 @@ class Progress(Observer):
             figures=f"{figures}   {speed:.1f} × real time   "
             f"rms Δv {(dv @ dv / len(dv)) ** 0.5:.1e}",
         )
-        if now - self._begin > _PATIENCE:
+        if now > _PATIENCE:
             self._tell(figures)
 
     def stop(self) -> None:
@@ -183,19 +183,19 @@ class _Counted(Bar):
             disable=quiet,
             speed_estimate_period=_ALL,
         )
-        self._begun = clock()
-        self._told = self._begun
+        self._watch = Stopwatch()
+        self._told = 0.0
 
     def advance(self, task_id: TaskID, advance: float = 1) -> None:
         """Counts a part."""
         super().advance(task_id, advance)
-        now = clock()
+        now = self._watch.seconds
         if self.console.is_terminal or now - self._told < _PATIENCE:
             return
         self._told = now
         task = self._tasks[task_id]
         if task.total and task.completed:
-            left = (now - self._begun) * (task.total / task.completed - 1)
+            left = now * (task.total / task.completed - 1)
             said = f"{task.completed:g} of {task.total:g}, about {_in_words(left)} left"
             self.console.print(said, highlight=False, markup=False)
 
@@ -221,5 +221,5 @@ def counted(quiet: bool, done: str = "{task.completed}/{task.total}") -> Iterato
         quiet=quiet,
     )
     announce = cache(lambda: bar.console.print(COMPILING, highlight=False))
-    with on_compiling(announce), bar:
+    with Stopwatch.on_compiling(announce), bar:
         yield bar
