@@ -202,7 +202,7 @@ def _fitted_arm(
             values = identified(fitted)
             delays = [joint.delay for joint in fitted.joints]
         else:
-            report(f"fitting half {number} of 2 by sysid, which takes minutes")
+            report(f"fitting half {number} of 2 by sysid, at most {Toolbox.BUDGET:g} CPU s")
             values, delays = by_toolbox(robot, part)
         late = tuple(delayed(segment, delays) for segment in own)
         found.append(_departed(robot, values, replace(recordings, segments=late)))
