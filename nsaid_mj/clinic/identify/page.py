@@ -205,8 +205,12 @@ def _quality(result: Identification) -> Table:
     checked = any(j.validation is not None for j in result.joints)
     heads = [f"NRMSE by {wording.rows_of(result)[0]}", "fit", "held out"]
     heads += ["least squares", *["validation", "least squares"] * checked]
-    units = ", ".join(f"{unit}/s" for unit in dict.fromkeys(result.robot.units))
-    heads += ["delay", f"friction speed [{units}]", "columns"]
+    units = dict.fromkeys(
+        f"{unit}/s"
+        for unit, joint in zip(result.robot.units, result.joints, strict=False)
+        if math.isfinite(joint.friction_speed)
+    )
+    heads += ["delay", f"friction speed [{' or '.join(units)}]", "columns"]
     lines: list[list[Cell]] = []
     kept = [j for j in result.joints if j.name not in result.robot.followers]
     if len(kept) > _LINES:

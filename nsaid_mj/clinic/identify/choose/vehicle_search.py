@@ -67,10 +67,10 @@ def _richer(rows: VehicleRows, timing: Timing) -> tuple[frozenset[str], list[Fin
             continue
         trial = cost(columns | {name}, timing)
         if improves(best, trial, option.criterion):
-            text = f"a column of {name} per velocity lowers the cost by {best - trial:.0f}"
+            text = f"added {name} on every velocity (log-likelihood +{best - trial:.0f})"
             if name == "manoeuvring":
-                text = "forces of manoeuvring (products of surge, sway and yaw rate) lower the cost"
-                text += f" by {best - trial:.0f}: the sheet has none, or others"
+                text = "added manoeuvring forces, products of surge, sway and yaw rate "
+                text += f"(log-likelihood +{best - trial:.0f}): the sheet has none, or others"
             columns = columns | {name}
             best = trial
             data = {"columns": sorted(columns)}
