@@ -37,8 +37,6 @@ from .core.parameters import Block as Block
 from .core.parameters import ParameterSpace as ParameterSpace
 from .core.structure.joints import JointScales as JointScales
 from .core.structure.joints import JointTree as JointTree
-from .core.structure.multibody import CompiledMultibody as CompiledMultibody
-from .core.structure.multibody import Multibody as Multibody
 from .core.structure.parts import Operation as Operation
 from .core.structure.single_body import SingleBody as SingleBody
 from .core.structure.system import SecondOrderSystem as SecondOrderSystem

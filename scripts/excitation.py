@@ -21,7 +21,7 @@ import numpy as np
 import scipy.linalg
 
 from nsaid_mj.base.errors import NsaidError
-from nsaid_mj.base.stopwatch import compile_seconds
+from nsaid_mj.base.stopwatch import Stopwatch
 from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.lab.evaluation.figures import actuator_ratio_error
 from nsaid_mj.lab.evaluation.truth import Truth
@@ -94,10 +94,11 @@ def largest(found: Design) -> float:
 def designed(scenario: Scenario, criterion: str, effort: float) -> dict[str, Any]:
     """A design, the wall and processor time it took [s] without compilation, and its errors."""
     experiment = Experiment.of(scenario)
-    wall, work, compiled = time.perf_counter(), time.process_time(), compile_seconds()
+    watch = Stopwatch()
+    wall, work = time.perf_counter(), time.process_time()
     found = design(experiment, criterion=criterion, effort=effort)
     wall, work = time.perf_counter() - wall, time.process_time() - work
-    compiled = compile_seconds() - compiled
+    compiled = watch.compiling
     row: dict[str, Any] = {"predicted": largest(found), "wall_s": wall - compiled}
     row |= {"work_s": max(0.0, work - compiled), "candidates": found.evaluations}
     if criterion == "bound":

@@ -30,7 +30,7 @@ import pinocchio as pin
 from nsaid_mj import ArmPlant, Measurement, NullspaceAID
 from nsaid_mj.core.laws.base import State
 from nsaid_mj.core.log import Log
-from nsaid_mj.core.structure.multibody import CompiledMultibody, Multibody
+from nsaid_mj.core.structure.joints import JointTree
 from nsaid_mj.core.structure.system import SecondOrderSystem
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.plants.arm import nominal_scales
@@ -167,7 +167,9 @@ def tree(model: pin.Model) -> tuple[SecondOrderSystem, dict[str, Timed]]:
     """The system of a tree of joints, and timers for all of STYLES."""
     scales = nominal_scales(model, ArmPlant(armature=0.0))
     speed = np.full(len(scales.gain), 0.05)
-    system, slow = (kind(model, scales, speed) for kind in (CompiledMultibody, Multibody))
+    system, slow = (
+        kind(model, scales, speed) for kind in (JointTree.checked, JointTree.by_pinocchio)
+    )
     prior, world = truth(model, system), tree_spec(model, DT).compile()
     data = mujoco.MjData(world)
     return system, ours(system, prior) | {

@@ -10,11 +10,10 @@ import time
 
 import nsaid_mj
 from nsaid_mj.core.laws.cone.law import ConeMetric
-from nsaid_mj.core.laws.metric import ConstantMetric
+from nsaid_mj.core.laws.metric import ConstantMetric, descent_in
 from nsaid_mj.core.laws.rk4 import flow_in, flow_together_in
 from nsaid_mj.core.numerics import shipped
 from nsaid_mj.core.numerics.kernels import KERNELS
-from nsaid_mj.lab.control.adaptive.laws import adaptation_in
 
 
 def main() -> None:
@@ -25,7 +24,7 @@ def main() -> None:
             importlib.import_module(module.name)
     for metric in (ConstantMetric, ConeMetric):
         flow_in(metric)
-        adaptation_in(metric)
+        descent_in(metric)
     flow_together_in(ConstantMetric)
     begin = time.process_time()
     portable = {name: kernel for name, kernel in KERNELS.items() if not kernel.py_func.__closure__}

@@ -30,7 +30,7 @@ from rerun.experimental import ViewerClient
 from scipy.spatial.transform import Rotation
 
 from nsaid_mj.base.errors import NsaidError
-from nsaid_mj.base.files import RECORDING
+from nsaid_mj.base.files import OutputFolder
 from nsaid_mj.cli import commands as cli
 from nsaid_mj.core.log import Log
 from nsaid_mj.lab import postprocessing
@@ -282,7 +282,7 @@ def photograph_run(name: str, out: Path, duration: float | None, at: float | Non
         result = run(scenario, Path(folder) / name)
         postprocessing.finish(result)
         moment = best_moment(result) if at is None else at
-        photograph(result.folder / RECORDING, picture, moment, close=close)
+        photograph(result.folder / OutputFolder.RECORDING, picture, moment, close=close)
     return [picture, close_up(picture)] if close else [picture]
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from nsaid_mj.base import atomic_write
+from nsaid_mj.base import OutputFile
 
 gc.set_threshold(50_000)  # as the command line does
 pytest.register_assert_rewrite("tests.support", "tests.recovery.direction")
@@ -114,7 +114,7 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def blank(lines: object, size: object, path: Path) -> Path:
     """Writes a picture that shows nothing, as pictures are written."""
-    with atomic_write(path) as part:
+    with OutputFile(path).atomically() as part:
         part.write_bytes(b"\x89PNG")
     return path
 

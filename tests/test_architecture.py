@@ -18,8 +18,8 @@ FILES = OURS.files
 HEAVY = {"mujoco", "pinocchio", "rerun", "tyro", "matplotlib", "pyarrow", "rich"}
 
 DOORS = {
-    "base": 60,
-    "core": 103,
+    "base": 33,
+    "core": 74,
     "watch": 5,
     "robots": 37,
     "report": 76,

@@ -7,7 +7,6 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from nsaid_mj.lab.plants.conversion import (
-    AXES,
     NED,
     Array,
     Block,
@@ -223,8 +222,8 @@ class UnderwaterSheet(VehicleSheet):
         full_thrust, count = sum(self.thrusters.curve), len(points)
         curve = odd(*np.divide(self.thrusters.curve, full_thrust))
         linear, square = (
-            Term.named("d", "linear drag in", AXES),
-            Term.named("dq", "quadratic drag in", AXES),
+            Term.named("d", "linear drag in", Block.AXES),
+            Term.named("dq", "quadratic drag in", Block.AXES),
         )
         upright, axes = Term.named("righting", "righting moment about", "xyz"), np.eye(6)
         thrusters = {"point": points, "direction": directions, "curve": [curve] * count}

@@ -5,12 +5,6 @@
 from .bounds import LARGEST as LARGEST
 from .bounds import Config as Config
 
-# A field that is true or false; numbers and words are refused.
-from .bounds import Flag as Flag
-
-# Text that can be written as UTF-8.
-from .bounds import Name as Name
-
 # A finite number ≥ 0.
 from .bounds import NonNegative as NonNegative
 
@@ -23,26 +17,14 @@ from .bounds import Positive as Positive
 # A number > 0 and ≤ 1.
 from .bounds import PositiveShare as PositiveShare
 
-# A share in [0, 1), such as a relative spread.
-from .bounds import Share as Share
-
-# Number of sines in a signal; a thousand of them already need a megabyte per second.
-from .bounds import Tones as Tones
-
 # Decorator: a frozen dataclass whose fields are checked against their annotations.
 from .bounds import config as config
-
-# A value for display in a message, shortened if its text is long or cannot be formed.
-from .bounds import shown as shown
 
 # A copy of JSON-like data in which NaN and infinities are None, for strict JSON.
 from .bounds import without_nonfinite as without_nonfinite
 
 # Words by what they choose.
 from .choices import CHOICES as CHOICES
-
-# Raises `UnknownName`, which lists the choices, unless the word is among those of a kind.
-from .choices import check_choice as check_choice
 
 # The comma-separated numbers of a flag's text; raises `InvalidInput` if it has others.
 from .choices import numbers_in as numbers_in
@@ -65,9 +47,6 @@ from .errors import InvalidInput as InvalidInput
 # A method found no estimate on a log.
 from .errors import NoEstimate as NoEstimate
 
-# A search has found nothing that meets its conditions.
-from .errors import NothingFound as NothingFound
-
 # A file that cannot be written: the disk is full, or its folder is gone or read-only.
 from .errors import NotWritten as NotWritten
 
@@ -80,69 +59,26 @@ from .errors import UnknownName as UnknownName
 # A text with U+FFFD for each control character, such as the escape that steers a terminal.
 from .errors import printable as printable
 
-# File of a run's record.
-from .files import RECORD as RECORD
+# A file that this package writes: only in place of one of ours, which it signs.
+from .files import OutputFile as OutputFile
 
-# File of a run's recording.
-from .files import RECORDING as RECORDING
-
-# Yields a temporary path to write to; on exit the file is synced and renamed to `path`.
-from .files import atomic_write as atomic_write
-
-# Checks, before any work, that a command replaces only files that are ours by their content.
-from .files import check_own as check_own
-
-# Creates an empty file in place of one of ours, without following a symbolic link.
-from .files import create as create
-
-# Deletes a file of ours, if there is one; raises `NotWritten` if it is not ours, or was read.
-from .files import discard as discard
+# A folder that a command writes its results into.
+from .files import OutputFolder as OutputFolder
 
 # The value of a JSON text; raises `ValueError` if it is not JSON, or nested too deeply.
 from .files import json_of as json_of
 
-# Creates a folder if missing, and keeps other processes and threads from writing into it.
-from .files import locked as locked
-
 # Prints a value as strict JSON; numbers that are not finite become null.
 from .files import print_json as print_json
-
-# The record in a run's folder, or the record file itself; raises `BadRun` if there is none.
-from .files import record_file as record_file
-
-# Writes a value as JSON, atomically.
-from .files import write_json as write_json
-
-# Writes text as UTF-8, atomically; halves of surrogate pairs, as in odd names, become `?`.
-from .files import write_text as write_text
-
-# Context in which an error of the operating system, while writing to a path, is `NotWritten`.
-from .files import writing as writing
 
 # A finding about the input, for the user.
 from .findings import Finding as Finding
 
-# `note`: the data were changed. `warning`: the result may suffer. `refusal`: no result from this
-# input could be trusted.
-from .findings import Level as Level
-
-# Checks a file of the user's before a library opens it (regular, bounded); it counts as read.
-from .inputs import check_input as check_input
-
-# A file opened for reading, if it is a regular one of bounded size.
-from .inputs import opened_file as opened_file
+# A file of the user's, which no command that reads it replaces.
+from .inputs import InputFile as InputFile
 
 # A path with the home directory in place of a leading `~`, if there is such a user.
 from .inputs import path_of as path_of
-
-# The content of a regular file of bounded size.
-from .inputs import read_bytes as read_bytes
-
-# The content of a regular file of bounded size, the user's, which then counts as read.
-from .inputs import read_input as read_input
-
-# Context in which no file that is read is replaced, however its path is written.
-from .inputs import reading as reading
 
 # A command's options with the home directory in place of every leading `~`.
 from .inputs import with_homes as with_homes
@@ -156,26 +92,8 @@ from .optional import pin as pin
 # Imports a package that an extra installs; `purpose` says what needs it.
 from .optional import require as require
 
-# Whether a file is empty, a record of ours, or has a content that was signed.
-from .signatures import is_ours as is_ours
-
-# Records that the content of a file is ours.
-from .signatures import sign as sign
-
-# A clock [s] that stops while this thread compiles, to measure the cost of a run.
-from .stopwatch import clock as clock
-
-# Time this process has spent compiling kernels so far [s], without loading cached ones.
-from .stopwatch import compile_seconds as compile_seconds
-
-# Context that calls `call` whenever a function has been compiled, in any thread.
-from .stopwatch import on_compiling as on_compiling
-
-# Has numba compile a function; its time counts, unless it is loaded from the cache.
-from .stopwatch import timed as timed
-
-# Starts a pure call along a log of some steps; returns a function that waits for its result.
-from .threads import beside as beside
+# The time since it was made. It stops while the thread that reads it compiles kernels.
+from .stopwatch import Stopwatch as Stopwatch
 
 # Decorator of functions during which BLAS and OpenMP use a single thread.
 from .threads import single_threaded as single_threaded

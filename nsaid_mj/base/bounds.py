@@ -36,17 +36,10 @@ LARGEST = 1e15
 Number = Annotated[float, Field(strict=True, ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(strict=True, gt=0, le=LARGEST)]
 NonNegative = Annotated[float, Field(strict=True, ge=0, le=LARGEST)]
-Share = Annotated[float, Field(strict=True, ge=0, lt=1)]
-"""A share in [0, 1), such as a relative spread."""
 PositiveShare = Annotated[float, Field(strict=True, gt=0, le=1)]
-Tones = Annotated[int, Field(strict=True, ge=1, le=1000)]
-"""Number of sines in a signal; a thousand of them already need a megabyte per second."""
-Flag = Annotated[bool, Field(strict=True)]
-Name = Annotated[str, Field(strict=True, max_length=4096)]
-"""Text that can be written as UTF-8."""
 
 _HELP = "`nsaid run NAME --help` lists what every field takes."
-_STRICT = ConfigDict(allow_inf_nan=False, extra="forbid")
+_STRICT = ConfigDict(allow_inf_nan=False, extra="forbid", str_max_length=4096)
 _C = TypeVar("_C", bound=type)
 
 
@@ -54,7 +47,8 @@ _C = TypeVar("_C", bound=type)
 def config(cls: _C) -> _C:
     """Decorator: a frozen dataclass whose fields are checked against their annotations.
 
-    Numbers must be finite. With the types of this module neither `True` nor `"3"` is a number, and
+    Numbers must be finite, and text such as can be written as UTF-8. With the types of this module
+    neither `True` nor `"3"` is a number, and
     1.0 is not an integer. A list is accepted where a tuple is declared.
     """
     made: Any = dataclass(frozen=True, config=_STRICT)(cls)
@@ -123,7 +117,7 @@ class Config:
             defaults = {f.name: f.default for f in fields(cls)}
             default = defaults.get(str(where[0])) if where else None
             remedy = f"The default is {default}." if _plain(default) else _HELP
-        return InvalidInput(dotted or cls.__name__, expected, shown(first["input"]), remedy)
+        return InvalidInput(dotted or cls.__name__, expected, first["input"], remedy)
 
     @model_validator(mode="wrap")
     @classmethod
@@ -192,17 +186,6 @@ def _adapter(cls: type) -> TypeAdapter[Any]:
 
 def _plain(value: object) -> bool:
     return value is None or isinstance(value, int | float | str | tuple)
-
-
-def shown(value: object) -> object:
-    """A value for display in a message, shortened if its text is long or cannot be formed."""
-    try:
-        text = str(value)
-    except ValueError:  # Python writes no integer of more than 4300 digits
-        return "a whole number of thousands of digits"
-    except RecursionError:
-        return "thousands of values inside each other"
-    return value if len(text) <= 80 else f"{text[:77]}…"
 
 
 def without_nonfinite(value: Any) -> Any:

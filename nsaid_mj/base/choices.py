@@ -5,30 +5,42 @@ A command refuses any other word before that code is imported.
 
 from .errors import InvalidInput, UnknownName
 
+
+class Choices(dict[str, tuple[str, ...]]):
+    """Words by what they choose."""
+
+    def check(self, kind: str, word: str) -> None:
+        """Raises `UnknownName`, which lists the choices, unless the word is one of a kind."""
+        if word not in self[kind]:
+            raise UnknownName(kind, word, self[kind])
+
+
 _LAWS = ("paper", "cone", "memory", "efficient")
 
-CHOICES = {
-    "law of a run": _LAWS,
-    "law": ("batch", "efficient", "memory", "cone", "paper"),
-    "column": (
-        "rotor",
-        "viscous",
-        "coulomb",
-        "stribeck",
-        "load",
-        "quadratic",
-        "cubic",
-        "spring",
-        "offset",
-    ),
-    "column of a vehicle": ("manoeuvring", "damping", "offset"),
-    "frame": ("ENU/FLU", "NED/FRD"),
-    "criterion": ("bound", "condition", "d-optimal"),
-    "method": ("conventional", *_LAWS, "ols", "wls", "tls", "rls", "ekf", "sysid"),
-    "fitted model": ("identified", "sysid", "sysid-stock"),
-    "tracking law": ("nullspace", "conventional", "computed_torque", "composite"),
-    "engine": ("local", "dask"),
-}
+CHOICES = Choices(
+    {
+        "law of a run": _LAWS,
+        "law": ("batch", "efficient", "memory", "cone", "paper"),
+        "column": (
+            "rotor",
+            "viscous",
+            "coulomb",
+            "stribeck",
+            "load",
+            "quadratic",
+            "cubic",
+            "spring",
+            "offset",
+        ),
+        "column of a vehicle": ("manoeuvring", "damping", "offset"),
+        "frame": ("ENU/FLU", "NED/FRD"),
+        "criterion": ("bound", "condition", "d-optimal"),
+        "method": ("conventional", *_LAWS, "ols", "wls", "tls", "rls", "ekf", "sysid"),
+        "fitted model": ("identified", "sysid", "sysid-stock"),
+        "tracking law": ("nullspace", "conventional", "computed_torque", "composite"),
+        "engine": ("local", "dask"),
+    }
+)
 """Words by what they choose.
 
 A law of a run is one of `NullspaceAID`; a law without more words is one of `identify`: the fit to
@@ -40,12 +52,6 @@ of its Gramian. Fitted models of a comparison are fitted to one half of the logs
 other: ours, and `mujoco.sysid` with its best and its stock options, starting from the values of the
 first file. Engines of a sweep are processes on this machine, or on a cluster.
 """
-
-
-def check_choice(kind: str, word: str) -> None:
-    """Raises `UnknownName`, which lists the choices, unless the word is among those of a kind."""
-    if word not in CHOICES[kind]:
-        raise UnknownName(kind, word, CHOICES[kind])
 
 
 def numbers_in(flag: str, text: str, remedy: str) -> tuple[float, ...]:

@@ -5,8 +5,10 @@ attributes, so that a script can act on it without parsing the message.
 """
 
 import difflib
+import errno
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 
 def printable(text: str) -> str:
@@ -28,22 +30,38 @@ class NsaidError(Exception):
     """Root of all errors raised on purpose by nsaid_mj."""
 
 
+_LONG = 80
+_LONG_TEXT = 400
+
+
+def _short(value: object) -> object:
+    """A value for a message, shortened if its text is long or cannot be formed."""
+    try:
+        text = str(value)
+    except ValueError:  # Python writes no integer of more than 4300 digits
+        return "a whole number of thousands of digits"
+    except RecursionError:
+        return "thousands of values inside each other"
+    most = _LONG_TEXT if isinstance(value, str) else _LONG
+    return value if len(text) <= most else f"{text[: most - 3]}…"
+
+
 class InvalidInput(NsaidError, ValueError):
     """A value that cannot be used.
 
     Attributes:
         name: name of the value, as the caller knows it.
         expected: what would have been accepted.
-        got: the value, or what is wrong with it.
+        got: the value, or what is wrong with it; shortened where its text is long.
         remedy: what to do about it.
     """
 
     def __init__(self, name: str, expected: str, got: object, remedy: str):
         self.name = name
         self.expected = expected
-        self.got = got
+        self.got = _short(got)
         self.remedy = remedy
-        super().__init__(f"{name}: expected {expected}, got {got}. {remedy}")
+        super().__init__(f"{name}: expected {expected}, got {self.got}. {remedy}")
 
 
 class UnknownName(NsaidError, KeyError):
@@ -152,6 +170,25 @@ class BadRun(NsaidError):
 class NotWritten(BadRun):
     """A file that cannot be written: the disk is full, or its folder is gone or read-only."""
 
+    @classmethod
+    @contextmanager
+    def on_failure(cls, path: object, remedy: str = "") -> Iterator[None]:
+        """Context in which an error of the operating system, while writing to a path, is this one.
+
+        The default remedy depends on the error.
+        """
+        try:
+            yield
+        except OSError as error:
+            full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+            remedy = remedy or (
+                "Make room on the disk, or give another folder with --out"
+                if full
+                else "Give another folder, with --out"
+            )
+            reason = error.strerror or str(error)
+            raise cls(path, f"it cannot be written: {reason}", remedy) from error
+
 
 class FolderInUse(BadRun):
     """A folder into which another process or thread is writing, or whose results would be lost."""
@@ -165,8 +202,8 @@ class FolderInUse(BadRun):
         super().__init__(path, reason, remedy)
 
 
-class NothingFound(NsaidError):
-    """A search has found nothing that meets its conditions.
+class NoEstimate(NsaidError):
+    """A method found no estimate on a log.
 
     Attributes:
         reason: why.
@@ -177,7 +214,3 @@ class NothingFound(NsaidError):
         self.reason = reason
         self.remedy = remedy
         super().__init__(f"{reason}. {remedy}")
-
-
-class NoEstimate(NothingFound):
-    """A method found no estimate on a log."""

@@ -7,16 +7,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-Level = Literal["note", "warning", "refusal"]
-"""`note`: the data were changed. `warning`: the result may suffer. `refusal`: no result from this
-input could be trusted."""
-
 
 @dataclass(frozen=True)
 class Finding:
     """A finding about the input, for the user."""
 
-    level: Level  # how serious it is
+    # `note`: the data were changed. `warning`: the result may suffer. `refusal`: no result from
+    # this input could be trusted
+    level: Literal["note", "warning", "refusal"]
     code: str  # a short constant name for scripts, such as "reversed_sign" or "dead_channel"
     where: str  # the file, channel or joint concerned; "" if none
     text: str  # the finding, with figures, units and row numbers

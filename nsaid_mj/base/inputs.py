@@ -26,7 +26,7 @@ LARGEST_FILE = 1 << 40
 _Options = TypeVar("_Options", bound="DataclassInstance")
 _Key = tuple[int, int]  # device and inode: one file, by whatever path, link or mount
 
-_read: list[set[_Key]] = []  # files that the command has read, for each `reading` around it
+_read: list[set[_Key]] = []  # files read, for each `InputFile.reading` around it
 _written: list[set[_Key]] = []  # files that it wrote itself: read again, they are no inputs
 
 
@@ -70,26 +70,6 @@ def with_homes(options: _Options) -> _Options:
     return replace(options, **{name: whole(value) for name, value in given.items()})
 
 
-@contextmanager
-def reading(*paths: str | Path | None) -> Iterator[None]:
-    """Context in which no file that is read is replaced, however its path is written.
-
-    Args:
-        paths: files that count as read from the beginning; others are ignored.
-    """
-    files = set[_Key]()
-    for path in filter(None, paths):
-        with suppress(OSError, ValueError):
-            files.add(_key(os.stat(path)))
-    _read.append(files)
-    _written.append(set())
-    try:
-        yield
-    finally:
-        _read.pop()
-        _written.pop()
-
-
 def wrote(path: Path) -> None:
     """Says that the current command wrote the file at a path, which it may read and write again."""
     for files in _written:
@@ -105,14 +85,61 @@ def was_read(path: Path) -> bool:
     return any(keys & files for files in _read)
 
 
-def check_input(path: Path, text: bool = False) -> None:
-    """Checks a file of the user's before a library opens it; it then counts as read.
+class InputFile:
+    """A file of the user's, which no command that reads it replaces.
 
-    Raises:
-        OSError: it is missing, no regular file, or larger than a log (or a `text`) can be. A pipe
-            or a device would be waited for or read without end.
+    Attributes:
+        path: where it is.
     """
-    _count(path, LARGEST_TEXT if text else LARGEST_FILE)
+
+    def __init__(self, path: Path):
+        self.path = path
+
+    def check(self, text: bool = False) -> None:
+        """Checks it before a library opens it; it then counts as read.
+
+        Raises:
+            OSError: it is missing, no regular file, or larger than a log (or a `text`) can be. A
+                pipe or a device would be waited for or read without end.
+        """
+        _count(self.path, LARGEST_TEXT if text else LARGEST_FILE)
+
+    def opened(self) -> BufferedReader:
+        """Opened for reading, without waiting for a pipe's writer.
+
+        Raises:
+            OSError: it cannot be read, is no regular file, or is larger than a log can be.
+        """
+        return opened_file(self.path)
+
+    def read(self, most: int = LARGEST_TEXT) -> bytes:
+        """Its content; it then counts as read.
+
+        Raises:
+            OSError: it cannot be read, is no regular file, or has more than `most` bytes.
+        """
+        _count(self.path, most)
+        return read_bytes(self.path, most)
+
+    @staticmethod
+    @contextmanager
+    def reading(*paths: str | Path | None) -> Iterator[None]:
+        """Context in which no file that is read is replaced, however its path is written.
+
+        Args:
+            paths: files that count as read from the beginning; others are ignored.
+        """
+        files = set[_Key]()
+        for path in filter(None, paths):
+            with suppress(OSError, ValueError):
+                files.add(_key(os.stat(path)))
+        _read.append(files)
+        _written.append(set())
+        try:
+            yield
+        finally:
+            _read.pop()
+            _written.pop()
 
 
 def _count(path: Path, most: int) -> None:
@@ -123,16 +150,6 @@ def _count(path: Path, most: int) -> None:
     if not any(key in files for files in _written):
         for files in _read:
             files.add(key)
-
-
-def read_input(path: Path, most: int = LARGEST_TEXT) -> bytes:
-    """The content of a file of the user's, which then counts as read.
-
-    Raises:
-        OSError: it cannot be read, is no regular file, or has more than `most` bytes.
-    """
-    _count(path, most)
-    return read_bytes(path, most)
 
 
 def read_bytes(path: Path, most: int = LARGEST_TEXT) -> bytes:

@@ -20,15 +20,14 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from .. import __version__
 from ..base import (
-    RECORDING,
     BadRun,
+    InputFile,
     InvalidInput,
     NotWritten,
     NsaidError,
+    OutputFolder,
     print_json,
     printable,
-    reading,
-    record_file,
     require,
 )
 from ..lab import load
@@ -52,7 +51,7 @@ def main(scenario: Scenario, arguments: Sequence[str] | None = None) -> NoReturn
     given = sys.argv[1:] if arguments is None else arguments
 
     def action() -> int:
-        with reading(script):
+        with InputFile.reading(script):
             return _with_script_errors(lambda: _run(script.stem, scenario, given))
 
     _exit(action)
@@ -96,7 +95,7 @@ def _say(words: object, code: int) -> int:
 
 def command(arguments: Sequence[str]) -> int:
     """Executes a command line and returns the exit code."""
-    with reading():
+    with InputFile.reading():
         return _with_script_errors(lambda: _command(arguments))
 
 
@@ -140,7 +139,7 @@ def _command(arguments: Sequence[str]) -> int:
                 "neither",
                 "Such as `nsaid verify scalar_rov`; `nsaid verify --help` has the rest.",
             )
-        record_file(chosen.run)
+        OutputFolder(chosen.run).record_file()
         from ..lab import Verification
 
         return _judged(
@@ -322,13 +321,13 @@ def _list() -> int:
 
 
 def _view(folder: Path, web: bool, rebuild: bool) -> int:
-    file = folder if folder.suffix == ".rrd" else folder / RECORDING
+    file = folder if folder.suffix == ".rrd" else folder / OutputFolder.RECORDING
     if rebuild or not file.is_file():
         if not folder.is_dir():
             raise BadRun(
                 folder, "there is no such run", "Give the folder of a run, e.g. runs/ur5-paper."
             )
-        record_file(folder)
+        OutputFolder(folder).record_file()
         from ..lab import rebuild as post_process
 
         post_process(folder)

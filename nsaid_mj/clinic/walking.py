@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import orjson
 
-from ..base import InvalidInput, shown
+from ..base import InvalidInput
 from ..robots import RobotModel
 from .identify.identify import identify_forces
 from .identify.result import Identification
@@ -136,7 +136,7 @@ class WalkingSamples:
             parts = [np.asarray(found[key], dtype=np.float64) for key in ("q", "v", "u", "imu")]
             row = [float(found["t"]), *np.concatenate(parts).tolist()]
         except (AssertionError, KeyError, TypeError, ValueError) as error:
-            got = shown(line[:60].decode("utf-8", "replace").strip())
+            got = line[:60].decode("utf-8", "replace").strip()
             raise InvalidInput("sample", expected, got, "See docs/live.md.") from error
         width = parts[3].size
         sizes = [part.size for part in parts]

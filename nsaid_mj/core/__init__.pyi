@@ -18,14 +18,8 @@ from .laws.base import Status as Status
 # ∇²ψ(θ̂) = Γ⁻¹ + μ ∇²b(θ̂) in place of Γ⁻¹.
 from .laws.cone.law import ConeMetric as ConeMetric
 
-# (p, p) second moments of `drawn_inside` about θ (p,), of θ/scale: where the truth may be.
-from .laws.cone.prior import drawn_covariance as drawn_covariance
-
-# (p,) random parameters that differ from θ by about ±error, inside the cone for any error.
-from .laws.cone.prior import drawn_inside as drawn_inside
-
-# A function that computes the expected Gramian (p, p) under the prior.
-from .laws.config import ExpectedGramian as ExpectedGramian
+# Parameters that are known up to about ±error, inside the cone of physical ones.
+from .laws.cone.prior import Prior as Prior
 
 # The configuration of an identifier; `build` makes the identifier.
 from .laws.config import IdentifierConfig as IdentifierConfig
@@ -36,29 +30,20 @@ from .laws.config import NullspaceAID as NullspaceAID
 # Adaptive identification with parameters assumed known.
 from .laws.conventional import ConventionalAID as ConventionalAID
 
-# Least size of a parameter, relative to its scale, to which relative changes refer.
-from .laws.efficient.covariance import SMALL as SMALL
-
 # An extended Kalman filter of (q, v, θ), for measurements dt [s] apart; see `kalman`.
 from .laws.efficient.estimator import KalmanFilter as KalmanFilter
 
-# Outputs of `follow_filter` along a log of N samples, from row 1 on.
-from .laws.efficient.filter import Along as Along
+# A log followed by the filter alone.
+from .laws.efficient.estimator import Replay as Replay
 
 # State of the filter at a sample. All arrays are overwritten by `follow_filter`.
 from .laws.efficient.filter import FilterState as FilterState
-
-# A Kalman filter of (q, v, θ), guarded by a memory.
-from .laws.efficient.law import EfficientIdentifier as EfficientIdentifier
 
 # Differences between the acting and the recorded signals of actuators and sensors.
 from .laws.efficient.signals import Signals as Signals
 
 # State of the efficient law: the filter, the memory that guards it, and their supervision.
 from .laws.efficient.state import EfficientState as EfficientState
-
-# What decides whether the law returns the filter's θ̂ or the memory's.
-from .laws.efficient.supervision import ChosenBy as ChosenBy
 
 # A fault that was detected and isolated.
 from .laws.faults import FaultEvent as FaultEvent
@@ -72,12 +57,6 @@ from .laws.metric import Metric as Metric
 # (44) and (45), integrated by RK4 between measurements, the command held.
 from .laws.nullspace_aid import NullspaceIdentifier as NullspaceIdentifier
 
-# The filter of the law `efficient`.
-from .laws.settings import EfficientConfig as EfficientConfig
-
-# Storage and use of past data by the law `memory`.
-from .laws.settings import MemoryConfig as MemoryConfig
-
 # Measurements and commands of N samples, in order of time, checked when the log is made.
 from .log import Log as Log
 
@@ -90,40 +69,20 @@ from .log import SensorLevels as SensorLevels
 # Levels of (2) and (75) during a run, from the identifier's own regressor.
 from .nullspace.persistence import PersistenceMonitor as PersistenceMonitor
 
-# Singular values below this share of the largest count as 0. For the robots of example-robot-data
-# the smallest nonzero one is 3e-7, and the largest that counts as 0 is 6e-11 (axes meant to be
-# parallel but rotated by a rounded π/2 in the URDF). `Nullspace.gap` gives both for any system.
-from .nullspace.subspace import TOLERANCE as TOLERANCE
-
 # A split of θ/scale space into P_s(θ) and its orthogonal complement (32–36).
 from .nullspace.subspace import Nullspace as Nullspace
-
-# (N, p) rows of W(t, x, v, θ)·diag(scale) at random states, N about ten times p.
-from .nullspace.subspace import regressor_stack as regressor_stack
-
-# Marks a small function that becomes part of the compiled functions that call it.
-from .numerics.kernels import helper as helper
 
 # Marks a function that Python calls, or several compiled ones; see `Kernel`.
 from .numerics.kernels import kernel as kernel
 
-# A kernel with a function's text, in which some global names have the meanings for a class.
-from .numerics.kernels import kernel_for as kernel_for
-
 # Marks a larger function, which need not become part of every function that calls it.
 from .numerics.kernels import routine as routine
-
-# Writes the numbers of an array (k,) into another: faster than a slice where k is small.
-from .numerics.linalg import copy_into as copy_into
 
 # Overwrites b in x (n,) with M⁻¹ b, reading M's lower triangle; returns the smallest pivot.
 from .numerics.linalg import solve_positive as solve_positive
 
-# (K, ...) every so many values of x (N, ...) after a symmetric filter.
-from .numerics.low_pass import decimated as decimated
-
-# (2h + 1,) weights of an FIR filter with half amplitude at the cut-off [Hz].
-from .numerics.low_pass import symmetric as symmetric
+# An FIR filter without a phase, with half amplitude at a cut-off.
+from .numerics.low_pass import LowPass as LowPass
 
 # A Butterworth filter of x (N, ...) along the first axis, forward and backward.
 from .numerics.low_pass import zero_phase as zero_phase
@@ -154,9 +113,6 @@ from .numerics.spatial import unrotate as unrotate
 
 # What stands for a number that there is not.
 from .parameters import ABSENT as ABSENT
-
-# Names of the six axes of a body, as in names of parameters.
-from .parameters import AXES as AXES
 
 # An array of float64; shapes and units are in the docstrings.
 from .parameters import Array as Array
@@ -212,17 +168,8 @@ from .structure.blocks import GRAVITY as GRAVITY
 # A block of θ, and the columns of F that it scales.
 from .structure.blocks import Term as Term
 
-# Names of the kinds of force that a flow exerts on a moving body.
-from .structure.columns import DRAG_AND_LIFT as DRAG_AND_LIFT
-
 # All kinds of columns, by name.
 from .structure.columns import KINDS as KINDS
-
-# A curve through `values` at increasing commands; constant beyond the ends.
-from .structure.columns.curve import interpolated as interpolated
-
-# A curve by its coefficients of u, u|u|, u³, u³|u| and so on.
-from .structure.columns.curve import polynomial as polynomial
 
 # A kind of column of F.
 from .structure.columns.kind import Kind as Kind
@@ -233,9 +180,6 @@ from .structure.compiled import STRUCTURE as STRUCTURE
 # The type of `Workspace` in signatures of compiled functions.
 from .structure.compiled import WORKSPACE as WORKSPACE
 
-# The numbers as kernels read them: float64, C-contiguous, writable; a copy only if needed.
-from .structure.configuration_space import plain as plain
-
 # E with E Jᵀ = 0 and λ̂ of contacts at N samples: E W θ = 0 for every force of contact.
 from .structure.contacts import Elimination as Elimination
 
@@ -245,14 +189,8 @@ from .structure.inverse_dynamics import INVERSE_DYNAMICS as INVERSE_DYNAMICS
 # An arm's structure and the workspace of `write_required_force`, which calls overwrite.
 from .structure.inverse_dynamics import InverseDynamics as InverseDynamics
 
-# Angle or travel from joint i's position in q (m,) to a desired one, along the shorter arc.
-from .structure.inverse_dynamics import position_error as position_error
-
-# Writes M a + C v − F(u = 0) (n,) at θ (p,), position q (m,), v and acceleration a (n,).
-from .structure.inverse_dynamics import write_required_force as write_required_force
-
-# The vehicle's part of a robot whose joints it carries.
-from .structure.joints import Carrier as Carrier
+# Writes the force (n,) of computed torque along a desired motion of an arm.
+from .structure.inverse_dynamics import write_tracking_force as write_tracking_force
 
 # Data-sheet guesses for the b bodies and k joints of a robot.
 from .structure.joints import JointScales as JointScales
@@ -262,21 +200,6 @@ from .structure.joints import JointTree as JointTree
 
 # Writes the rotation matrix (9), body to world, of the unit quaternion (x, y, z, w) q[at].
 from .structure.kinematics import write_rotation as write_rotation
-
-# All parts of the RK4 stages along a log of N samples that do not depend on the estimate.
-from .structure.motion import Motion as Motion
-
-# A `JointTree` whose regressors are the structure's: Pinocchio's numbers, much faster.
-from .structure.multibody import CompiledMultibody as CompiledMultibody
-
-# A `JointTree` whose links have Pinocchio's regressors, without a vehicle: the reference.
-from .structure.multibody import Multibody as Multibody
-
-# Compares the regressors of a structure with Pinocchio's at random states.
-from .structure.multibody import check_consistency as check_consistency
-
-# What drives a joint: a torque in proportion to the command, or to a distance from it.
-from .structure.parts import Actuator as Actuator
 
 # One term of F θ: a force of known direction and unknown size.
 from .structure.parts import Column as Column
@@ -293,20 +216,8 @@ from .structure.parts import Operation as Operation
 # Inertia that turns or slides with a joint alone: a motor's rotor.
 from .structure.parts import Rotor as Rotor
 
-# What point masses fixed to a body change in θ.
-from .structure.payload import PointMasses as PointMasses
-
-# The axes of a body in the plane, among the six of one in space.
-from .structure.single_body import LEVEL as LEVEL
-
 # M ν̇ + C(ν) ν = F θ (4) of one body in space, in the plane, or along the vertical.
 from .structure.single_body import SingleBody as SingleBody
-
-# Scalar product of 3-vectors.
-from .structure.spatial import dot3 as dot3
-
-# M(x, θ) v̇ + C(x, θ) v = F(t, x, u) θ of any robot, without parameter values.
-from .structure.structure import Structure as Structure
 
 # M(x, θ) v̇ + C(x, θ) v = F(t, x, u) θ (4), linear in θ (8, 9), with Ṁ − 2C skew.
 from .structure.system import SecondOrderSystem as SecondOrderSystem

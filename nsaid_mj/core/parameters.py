@@ -24,8 +24,6 @@ _SIZES = {"pseudo_inertia": 10}
 
 _INVERTED = 1e-12  # share of the mean diagonal that is added where a matrix is inverted
 
-AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
-"""Names of motions along and about the axes of a body."""
 INERTIAL = ("m", "hx", "hy", "hz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """Names of the inertial parameters of a rigid body about its origin, in Pinocchio's order."""
 _LABELS = ("mass", "m·cx", "m·cy", "m·cz", *INERTIAL[4:])
@@ -120,7 +118,10 @@ class Block:
             at (i, j) and (j, i), and 0 elsewhere. Each θ_l appears either on the diagonal, with
             values > 0, or off it.
         labels: readable descriptions, such as "mass of upper_arm_link"; by default the names.
+        AXES: names of motions along and about the axes of a body, as in names of parameters.
     """
+
+    AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 
     name: str
     names: tuple[str, ...]
@@ -242,8 +243,8 @@ class Block:
 def _mass_label(i: int, j: int) -> str:
     """The label of entry (i, j) of M; "effective" because it includes added mass."""
     if i == j:
-        return f"effective {AXES[i]} {'mass' if i < 3 else 'inertia'}"
-    return f"{AXES[i]}–{AXES[j]} coupling of M"
+        return f"effective {Block.AXES[i]} {'mass' if i < 3 else 'inertia'}"
+    return f"{Block.AXES[i]}–{Block.AXES[j]} coupling of M"
 
 
 @dataclass(frozen=True)

@@ -9,17 +9,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..base import (
-    RECORD,
-    BadRun,
-    FolderInUse,
-    NotWritten,
-    check_own,
-    json_of,
-    locked,
-    path_of,
-    read_bytes,
-)
+from ..base import BadRun, FolderInUse, NotWritten, OutputFile, OutputFolder, json_of, path_of
 
 if TYPE_CHECKING:
     from ..core import IdentifierConfig
@@ -28,7 +18,7 @@ if TYPE_CHECKING:
 RUNS = Path("runs")
 _FORCE = ", or --force to write among them"
 RUN = (
-    *(RECORD, "scenario.json", "summary.json", "report.html"),
+    *(OutputFolder.RECORD, "scenario.json", "summary.json", "report.html"),
     *("run.rrd", "verify.json", "faults.json"),
 )
 """Files of a run, even of one that ended early."""
@@ -88,8 +78,8 @@ def _free(
     for folder in itertools.chain([RUNS / name], numbered) if out is None else [path_of(out)]:
         with ExitStack() as stack:
             try:
-                check_own(folder, files, None if force else _FORCE)
-                stack.enter_context(locked(folder))
+                OutputFolder(folder).check(files, None if force else _FORCE)
+                stack.enter_context(OutputFolder(folder).locked())
             except (FolderInUse, BadRun) as error:
                 if out is not None or (type(error) is NotWritten and not folder.is_dir()):
                     raise
@@ -115,7 +105,7 @@ def holds_run(folder: Path) -> bool:
 def holds_completed_run(folder: Path) -> bool:
     """Whether a folder has the summary of a completed run."""
     try:
-        summary = json_of(read_bytes(folder / "summary.json"))
+        summary = json_of(OutputFile(folder / "summary.json").read())
     except (OSError, ValueError):  # a run killed before its evaluation, or no run at all
         return False
     return isinstance(summary, dict) and summary.get("status") == "completed"

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..base import clock, write_json
+from ..base import OutputFile, Stopwatch
 from ..core import (
     Estimates,
     FaultEvent,
@@ -228,7 +228,7 @@ class Loop:
 
     def _follow(self, k: int, log: Log) -> tuple[Log, dict[str, Estimates]]:
         """Runs the identifiers along a segment from time step k; cut where the main one fails."""
-        begin = clock()
+        watch = Stopwatch()
         estimates = {}
         for name, following in self.following.items():  # the scenario's own comes first
             due = Following.due(k, len(log.t), self.scenario.dt, self.scenario.steps)
@@ -237,7 +237,7 @@ class Loop:
                 self._end(following.state.status, following.signal, following.ended)
                 log = log.first(len(found.pivot))
             estimates[name] = found.padded(len(log.t))
-        self.cost.identifier += clock() - begin
+        self.cost.identifier += watch.seconds
         return log, estimates
 
     def _keep(self, k: int, fresh: int, log: Log, estimates: dict[str, Estimates]) -> None:
@@ -263,7 +263,7 @@ class Loop:
             self.ending.time = float(log.t[-1])
         if self.states[""].faults != self.faults:
             self.faults = self.states[""].faults
-            write_json(self.folder / FAULTS, [fault.keys() for fault in self.faults])
+            OutputFile(self.folder / FAULTS).write_json([fault.keys() for fault in self.faults])
         for observer in self.observers if len(rows) else ():
             now = self.monitor.level, self.monitor.level_perp
             observer.see(log.part(fresh, len(log.t)), self.states, now)

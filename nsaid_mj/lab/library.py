@@ -11,14 +11,7 @@ from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..base import (
-    InvalidInput,
-    NsaidError,
-    UnknownName,
-    check_input,
-    path_of,
-    read_input,
-)
+from ..base import InputFile, InvalidInput, NsaidError, UnknownName, path_of
 from ..robots import scenarios
 
 if TYPE_CHECKING:
@@ -92,13 +85,13 @@ def load(name: str) -> Scenario:
     if name.endswith(".json") and path_of(name).is_file():
         from .scenario import Scenario
 
-        return Scenario.from_json(read_input(path_of(name)))
+        return Scenario.from_json(InputFile(path_of(name)).read())
     path = Path(name) if name.endswith(".py") or name not in known else known[name]
     path = path_of(path)
     if path.suffix != ".py" or not path.is_file():
         remedy = "The name comes before all flags; a script or scenario.json is given by its path."
         raise UnknownName("scenario", name, known, remedy)
-    check_input(path, text=True)
+    InputFile(path).check(text=True)
     name = f"_scenario_{path.stem}"
     loader = _Script(name, str(path))
     spec = importlib.util.spec_from_file_location(name, path, loader=loader)

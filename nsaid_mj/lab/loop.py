@@ -18,15 +18,12 @@ import numpy as np
 from ..base import (
     BadRun,
     FolderInUse,
-    check_own,
-    clock,
-    compile_seconds,
-    discard,
+    NotWritten,
+    OutputFile,
+    OutputFolder,
+    Stopwatch,
     json_of,
-    locked,
-    read_bytes,
     single_threaded,
-    writing,
 )
 from ..core import (
     Array,
@@ -92,7 +89,7 @@ class Run:
         if not file.is_file():
             return ()
         try:
-            return tuple(FaultEvent.of(keys) for keys in json_of(read_bytes(file)))
+            return tuple(FaultEvent.of(keys) for keys in json_of(OutputFile(file).read()))
         except (KeyError, TypeError, ValueError, OSError) as error:
             raise BadRun(file, "not a list of faults", "Run the scenario again") from error
 
@@ -135,11 +132,11 @@ def run(
         BadRun: the record was removed or replaced during the run.
         NsaidError: the scenario cannot be started; no record has been written.
     """
-    with locked(folder):
+    with OutputFolder(folder).locked():
         if not force and holds_run(folder):
             remedy = "Give force=True to replace it, or another folder"
             raise FolderInUse(folder, "it holds a run", remedy)
-        compiled = compile_seconds()
+        watch = Stopwatch()
         setup = Setup.of(scenario)
         moved = setup.plant, setup.driver(), setup.sensors()
         source = Simulation(*moved, scenario.dt, scenario.steps)
@@ -151,7 +148,7 @@ def run(
             metadata = {TARGET_DELAYS: (steps * setup.plant.dt).tolist()}
             metadata |= {PROFILED: setup.plant.profile is not None}
         done = followed(scenario, robot, source, setup.identifiers(), folder, observers, metadata)
-        done.cost.compile = compile_seconds() - compiled
+        done.cost.compile = watch.compiling
         return SimulatedRun(**vars(done), setup=setup)
 
 
@@ -177,11 +174,11 @@ def followed(
     system = robot.system
     rng = np.random.default_rng(Seeds.of(scenario.seed).structure)
     r = Nullspace.structural(system, robot.prior, rng).r
-    with writing(folder):  # files of an earlier run could be mistaken for this one's
+    with NotWritten.on_failure(folder):  # files of an earlier run could be mistaken for this one's
         folder.mkdir(parents=True, exist_ok=True)
-        check_own(folder, (RECORD_FILE, *DERIVED), None)
+        OutputFolder(folder).check((RECORD_FILE, *DERIVED), None)
         for name in DERIVED:
-            discard(folder / name)
+            OutputFile(folder / name).discard()
     space = system.space
     widths = columns(system, scenario)
     known = {"names": space.names, "units": space.units, "scale": space.scale.tolist(), "r": r}
@@ -190,14 +187,14 @@ def followed(
     writer = RecordWriter(folder / RECORD_FILE, widths, known, batch)
     monitor = PersistenceMonitor(system.p, r, scenario.pe_window)
     loop = Loop(scenario, robot, source, identifiers, monitor, writer, observers, folder)
-    begin = clock()
+    watch = Stopwatch()
     try:
         with _ctrl_c(loop.stop):
             loop()
     except KeyboardInterrupt:
         loop.ending.status = source.stopped
     finally:
-        loop.cost.wall = clock() - begin
+        loop.cost.wall = watch.seconds
         for observer in observers:
             observer.stop()
         writer.close()

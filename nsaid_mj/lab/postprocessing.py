@@ -10,14 +10,11 @@ from ..base import (
     LARGEST,
     BadRun,
     InvalidInput,
-    check_own,
+    OutputFile,
+    OutputFolder,
     installed,
     json_of,
-    locked,
-    read_bytes,
     single_threaded,
-    write_json,
-    write_text,
 )
 from ..core import Array, Status
 from .evaluation import page as report
@@ -65,12 +62,12 @@ def finish(
         NotWritten: a file cannot be written; the record is kept.
         BadRun: the folder no longer has this run's record, or a completed run has no row.
     """
-    with locked(run.folder):
+    with OutputFolder(run.folder).locked():
         if Record.metadata_of(run.folder) != run.record.metadata:
             raise BadRun(run.folder, "it holds another run's record", "Run the scenario again")
         if run.ending.status is Status.completed and not len(run.record):
             raise BadRun(run.folder, "its record is empty", "Run the scenario again")
-        check_own(run.folder, (SUMMARY, SCENARIO, "report.html", "run.rrd"), None)
+        OutputFolder(run.folder).check((SUMMARY, SCENARIO, "report.html", "run.rrd"), None)
         return _finish(run, say, command, earlier)
 
 
@@ -81,8 +78,8 @@ def _finish(
     truth = Truth.of(run)
     stated_before = None if earlier is None else earlier.confidence
     result = evaluate(run, truth, stated_before)
-    write_json(run.folder / SUMMARY, result.summary())
-    write_text(run.folder / SCENARIO, run.scenario.to_json() + "\n")
+    OutputFile(run.folder / SUMMARY).write_json(result.summary())
+    OutputFile(run.folder / SCENARIO).write_text(run.scenario.to_json() + "\n")
     if not _drawable(run.record):
         return result
     say("writing recording and report")
@@ -167,7 +164,7 @@ def _earlier(run: Run) -> RunResult | None:
     file = run.folder / SUMMARY
     scenario = run.scenario
     try:
-        found = json_of(read_bytes(file))
+        found = json_of(OutputFile(file).read())
     except (OSError, ValueError):
         return None
     ours = isinstance(found, dict) and found.get("scenario_hash") == scenario.hash

@@ -21,7 +21,7 @@ from rich.progress import (
 )
 from rich.progress import Progress as Bar
 
-from ..base import clock, on_compiling
+from ..base import Stopwatch
 from .observer import Observer, RobotDescription
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ class Progress(Observer):
     def __enter__(self) -> Progress:
         """Shows the line."""
         with self._stack as stack:
-            stack.enter_context(on_compiling(self._compiling))
+            stack.enter_context(Stopwatch.on_compiling(self._compiling))
             if self._console.is_terminal:
                 stack.enter_context(self._bar)
             self._stack = stack.pop_all()
@@ -104,18 +104,18 @@ class Progress(Observer):
         """Shows an empty bar, and announces the cost of a long run."""
         if words := cost_of(scenario, robot.system):
             self._console.print(f"{self._name}: {words}", highlight=False, markup=False)
-        self._begin = clock()
-        self._last = 0.0
+        self._watch = Stopwatch()
+        self._last = -_PERIOD
         self._end = scenario.duration
         self._bar.update(self._task, total=scenario.duration, description=self._name)
 
     def see(self, log: Log, states: dict[str, State], levels: tuple[float, float]) -> None:
         """Updates the bar, at most ten times a second."""
-        now = clock()
+        now = self._watch.seconds
         if now - self._last < _PERIOD:
             return
         self._last, t = now, float(log.t[-1])
-        speed = t / max(now - self._begin, 1e-9)
+        speed = t / max(now, 1e-9)
         dv = states[""].v_hat - log.v[-1]
         left = f"{(self._end - t) / speed:.0f} s left" if speed else ""
         self._bar.update(
@@ -160,19 +160,19 @@ class _Counted(Bar):
             disable=quiet,
             speed_estimate_period=_ALL,
         )
-        self._begun = clock()
-        self._told = self._begun
+        self._watch = Stopwatch()
+        self._told = 0.0
 
     def advance(self, task_id: TaskID, advance: float = 1) -> None:
         """Counts a part."""
         super().advance(task_id, advance)
-        now = clock()
+        now = self._watch.seconds
         if self.console.is_terminal or now - self._told < _PATIENCE:
             return
         self._told = now
         task = self._tasks[task_id]
         if task.total and task.completed:
-            left = (now - self._begun) * (task.total / task.completed - 1)
+            left = now * (task.total / task.completed - 1)
             said = f"{task.completed:g} of {task.total:g}, about {_in_words(left)} left"
             self.console.print(said, highlight=False, markup=False)
 
@@ -198,5 +198,5 @@ def counted(quiet: bool, done: str = "{task.completed}/{task.total}") -> Iterato
         quiet=quiet,
     )
     announce = cache(lambda: bar.console.print(COMPILING, highlight=False))
-    with on_compiling(announce), bar:
+    with Stopwatch.on_compiling(announce), bar:
         yield bar

@@ -19,14 +19,14 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from ..base import RECORD, BadRun, NotWritten, create, json_of, record_file, writing
+from ..base import BadRun, NotWritten, OutputFile, OutputFolder, json_of
 from ..core import Array, Indices, Log
 
 BATCH_SECONDS = 0.5
 """Duration of a batch, and of what identifiers follow at once: by default an interval of the
 memory, whose steps then end with it and are taken beside the filter's."""
 
-RECORD_FILE = RECORD
+RECORD_FILE = OutputFolder.RECORD
 TARGET_DELAYS = "target_delays"
 """Key of a record's metadata: (n_u,) delays [s] of a servo arm's targets, after which u acts."""
 PROFILED = "target_profile"
@@ -54,8 +54,8 @@ class RecordWriter:
         )
         self._path = path
         self._failed = False
-        with writing(path):
-            create(path)
+        with NotWritten.on_failure(path):
+            OutputFile(path).create()
             self._inode = path.stat().st_ino
             self._file = pa.OSFile(os.fsencode(path), "wb")  # unbuffered
         self._stream = pa.ipc.new_stream(self._file, self._schema)
@@ -101,7 +101,7 @@ class RecordWriter:
             "from what was recorded"
         )
         try:
-            with writing(self._path, remedy):
+            with NotWritten.on_failure(self._path, remedy):
                 self._stream.close() if batch is None else self._stream.write_batch(batch)
         except NotWritten:
             self._failed = True
@@ -213,14 +213,14 @@ class Record:
 
         `rows` never has more in memory than the rows asked for.
         """
-        file = record_file(path)
+        file = OutputFolder(path).record_file()
         with _typed(file):
             return Record(*_scan(file))
 
     @staticmethod
     def metadata_of(path: Path) -> dict[str, Any]:
         """Reads only the metadata of a run's folder or record file; `BadRun` if unreadable."""
-        file = record_file(path)
+        file = OutputFolder(path).record_file()
         with _typed(file), pa.OSFile(os.fsencode(file)) as source:
             return _metadata(pa.ipc.open_stream(source).schema)
 

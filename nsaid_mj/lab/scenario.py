@@ -16,19 +16,11 @@ from pydantic import AfterValidator, Field, TypeAdapter, ValidationError, model_
 from pydantic_core import PydanticCustomError, PydanticSerializationError
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
-from ..base import (
-    Config,
-    InvalidInput,
-    Name,
-    NonNegative,
-    Positive,
-    Share,
-    UnknownName,
-    config,
-)
+from ..base import Config, InvalidInput, NonNegative, Positive, UnknownName, config
 from ..core import IdentifierConfig, NullspaceAID
 from .control.driver import DriverConfig
 from .control.tracking import FourierTracking
+from .fields import Share
 from .plants.jointed import ArmPlant
 from .plants.world.config import PlantConfig
 from .plants.world.faults.kinds import Fault
@@ -49,7 +41,7 @@ def _identifier(name: str) -> str:
     return name
 
 
-_Rival = Annotated[Name, AfterValidator(_identifier)]
+_Rival = Annotated[str, AfterValidator(_identifier)]
 
 
 @config

@@ -20,15 +20,14 @@ import numpy as np
 
 from ..core import (
     Array,
-    ExpectedGramian,
     Identifier,
     IdentifierConfig,
     Log,
     NullspaceAID,
     ParameterSpace,
+    Prior,
     SecondOrderSystem,
     SensorLevels,
-    drawn_inside,
 )
 from ..watch import supervised
 from .control.computed_torque import Tracking
@@ -161,7 +160,7 @@ def identifier_of(
     system: SecondOrderSystem,
     prior: Array,
     levels: SensorLevels,
-    gramian: ExpectedGramian | None = None,
+    gramian: Callable[[], Array] | None = None,
 ) -> Identifier:
     """The identifier of a configuration, with its supervisor if its law has one.
 
@@ -177,7 +176,7 @@ def plant_about_published(scenario: Scenario) -> Plant:
     space = plant.system.space
     seeds = Seeds.of(scenario.seed)
     rng = np.random.default_rng(seeds.truth)
-    truth = drawn_inside(space, nominal, scenario.initial_error, rng)
+    truth = Prior(space, nominal, scenario.initial_error).draw(rng)
     if scenario.gain_error is not None:
         truth[space.actuators] = nominal[space.actuators] / _gain_errors(space, scenario.gain_error)
     return scenario.plant.simulating(scenario.dt, truth)
@@ -187,13 +186,13 @@ def prior_for(scenario: Scenario, plant: Plant) -> Array:
     """(p,) a scenario's prior: drawn about a plant's truth from its seed, or the published values.
 
     Published values on the boundary of the cone of physical parameters are moved inside for
-    identifiers that need this; see `cone.prior.drawn_inside`.
+    identifiers that need this; see `Prior`.
     """
     in_cone = any(law.in_cone for law in (scenario.identifier, *scenario.rivals.values()))
     rng = np.random.default_rng(Seeds.of(scenario.seed).prior)
     if scenario.prior == "nominal":
         known, nominal = scenario.plant.published(scenario.dt)
-        return drawn_inside(known.system.space, nominal, 0.0, rng) if in_cone else nominal
+        return Prior(known.system.space, nominal, 0.0).draw(rng) if in_cone else nominal
     return draw_prior(
         plant.truth, plant.system.space, scenario.initial_error, scenario.gain_error, rng, in_cone
     )
@@ -212,10 +211,10 @@ def draw_prior(
     Errors are relative to the parameter's magnitude, or to a tenth of its scale if that is larger,
     so that a product of inertia near 0 is not exact from the start. `gain_error` is that of
     actuator parameters, alternately positive and negative; with `in_cone`, θ̂(0) is physically
-    consistent, see `cone.prior.drawn_inside`.
+    consistent, see `Prior`.
     """
     if in_cone:
-        prior = drawn_inside(space, truth, error, rng)
+        prior = Prior(space, truth, error).draw(rng)
     else:
         size = np.maximum(np.abs(truth), 0.1 * space.scale)
         prior = truth + error * size * rng.uniform(-1, 1, len(truth))

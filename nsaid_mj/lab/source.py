@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..base import clock
+from ..base import Stopwatch
 from ..core import Array, Log, Measurement, Status
 from .control.driver import Driver, InformedDriver
 from .plants.world.plant import Plant
@@ -111,10 +111,10 @@ class Simulation(Source):
         return k % self._inform == 0
 
     def _simulate(self, last: Measurement, k: int, steps: int) -> SourceSegment:
-        begin = clock()
+        watch = Stopwatch()
         steps = int(min(steps, self._inform - k % self._inform))
         found = self._sound(self.plant.drive(self._driver, last, steps, self._sensors))
-        return found._replace(seconds=clock() - begin)
+        return found._replace(seconds=watch.seconds)
 
     def _sound(self, log: Log) -> SourceSegment:
         return SourceSegment(log, end=self.plant.ended(log.at(-1)))

@@ -13,15 +13,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from ..base import (
-    CHOICES,
-    InvalidInput,
-    UnknownName,
-    check_choice,
-    numbers_in,
-    print_json,
-    printable,
-)
+from ..base import CHOICES, InvalidInput, UnknownName, numbers_in, print_json, printable
 from ..report import ExitCode
 
 if TYPE_CHECKING:
@@ -94,7 +86,7 @@ def compare_methods(given: Mapping[str, Any], chosen: ToCompareMethods, folder: 
     scales = numbers_in("--noise-scales", chosen.noise_scales or "1", _TEN)
     methods = tuple(chosen.methods.split(",")) if chosen.methods else None
     for name in methods or ():
-        check_choice("method", name)
+        CHOICES.check("method", name)
     seeds = _seeds(chosen.seeds)
     durations = (0.5 * scenario.duration, scenario.duration)
     if chosen.durations:
@@ -125,7 +117,7 @@ def sweep_scenario(given: Mapping[str, Any], chosen: ToSweep, folder: Path) -> i
     from ..lab import varied
 
     vary = varied(chosen.vary, given["scenario"])
-    check_choice("engine", chosen.engine)
+    CHOICES.check("engine", chosen.engine)
     from .studies.engine import Engine
     from .studies.sweep import run_sweep, sweep_document, sweep_plan, sweep_result
 
@@ -174,7 +166,7 @@ def compare_trackers(given: Mapping[str, Any], chosen: ToTrack, folder: Path) ->
     """Executes `nsaid track`: compares tracking laws on the plants of a scenario."""
     laws = tuple(chosen.laws.split(",")) if chosen.laws else CHOICES["tracking law"]
     for law in laws:
-        check_choice("tracking law", law)
+        CHOICES.check("tracking law", law)
     seeds = _seeds(chosen.seeds)
     from .track.run import run_tracking
     from .track.tracking import TRACKING_FILES, tracking_plan

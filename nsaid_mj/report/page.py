@@ -16,7 +16,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..base import write_text
+from ..base import OutputFile
 from ..core import ABSENT
 from .panels import BAD, BAND, COLOURS, DASHES, GRID, INK, PALE
 from .result import LEVELS, Mark, Result, gathered
@@ -201,7 +201,7 @@ class Page:
     def write_html(self, folder: Path) -> Path:
         """Writes report.html atomically and returns its path."""
         path = folder / REPORT_FILE
-        write_text(path, render_html(self))
+        OutputFile(path).write_text(render_html(self))
         return path
 
     def markdown(self) -> str:

@@ -25,7 +25,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.path import Path as Outline
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
-from ..base import atomic_write
+from ..base import OutputFile
 from .page import VARIABLES
 from .page import Figure as PageFigure
 from .panels import COLOURS, DASHES, GRID, INK, Panel, thin
@@ -39,7 +39,7 @@ WIDTH = 4.3  # of a panel on a page, and of a wide one [inch]
 WIDE = 6.2
 _HEIGHT = 2.6
 _DPI = 110  # of a PNG
-_MAKER = "nsaid-mj"  # in a PNG file, by which `base.is_ours` knows it
+_MAKER = "nsaid-mj"  # in a PNG file, by which `OutputFile` knows it
 _LONG = 28  # characters of a category's label, at most
 _STYLE: dict[str, Any] = {
     "font.size": 8,
@@ -312,7 +312,7 @@ def png_of(
         path: path of the file; it is returned.
         names: names of the lines, on their left; empty for none.
     """
-    with atomic_write(path) as partial, style():
+    with OutputFile(path).atomically() as partial, style():
         figure = Figure(figsize=size, layout="constrained")
         axes = figure.subplots(len(lines), len(lines[0]), squeeze=False)
         handles: dict[str, Any] = {}

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, NamedTuple
 
-from ..base import Finding, Level
+from ..base import Finding
 from .panels import AnyPanel
 
 Explains = Literal["yes", "partly", "no"]
@@ -54,7 +54,7 @@ _EXPLAINS: dict[str, Mark] = {
 }
 """Marks of verdicts."""
 
-LEVELS: dict[Level, Mark] = {
+LEVELS: dict[Literal["refusal", "warning", "note"], Mark] = {
     "refusal": Mark("✘", "poor"),
     "warning": Mark("▲", "fair"),
     "note": Mark("·", "weak"),

@@ -13,7 +13,7 @@ import numpy as np
 from lxml.etree import Element, SubElement
 from lxml.etree import _Element as Node
 
-from ..base import InvalidInput, pin, write_text
+from ..base import InvalidInput, OutputFile, pin
 from ..core import Array
 from .identified import Identified, SharedFriction, remarks
 from .mjcf import initial_pose
@@ -49,7 +49,7 @@ def write_mjcf(robot: RobotModel, values: Identified, path: Path) -> None:
     Raises:
         InvalidInput: the robot is a vehicle.
     """
-    write_text(path, mjcf_text(robot, values, path.resolve().parent))
+    OutputFile(path).write_text(mjcf_text(robot, values, path.resolve().parent))
 
 
 def mjcf_text(robot: RobotModel, values: Identified, folder: Path) -> str:

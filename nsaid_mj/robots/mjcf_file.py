@@ -17,7 +17,7 @@ from lxml import etree
 from lxml.etree import SubElement
 from lxml.etree import _Element as Node
 
-from ..base import LARGEST, Finding, check_input, pin
+from ..base import LARGEST, Finding, InputFile, pin
 from ..core import Array
 from .errors import BadRobot
 from .inertias import moved, moved_inside, plausible_size
@@ -55,7 +55,7 @@ def _compiled(path: Path) -> tuple[Any, Any, list[Finding]]:
     """Carries out `compile_file`, during which MuJoCo may warn."""
     try:
         if path.suffix.lower() == ".mjb":
-            check_input(path)
+            InputFile(path).check()
             mj = mujoco.MjModel.from_binary_path(str(path))
             check_numbers(str(path), mj)
             return None, mj, []

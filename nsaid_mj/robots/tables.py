@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from ..base import pin, write_text
+from ..base import OutputFile, pin
 from ..core import Array
 from .identified import Identified
 from .mjcf_export import moving_bodies
@@ -76,4 +76,4 @@ def write_table(path: Path, table: dict[str, Any]) -> None:
     text = yaml.safe_dump(
         table, sort_keys=False, allow_unicode=True, default_flow_style=None, width=1000
     )
-    write_text(path, text)
+    OutputFile(path).write_text(text)

@@ -7,12 +7,12 @@ bodies and actuators are read.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
 
-from ..base import LARGEST, Finding, InvalidInput, Level, pin
+from ..base import LARGEST, Finding, InvalidInput, pin
 from ..core import Array, JointTree
 from .model import Servos
 
@@ -257,7 +257,7 @@ def motors(
         else:
             servos.append(joint)
         limits[k] = _limit(mj, i, j, gear, float(gain[k]))
-    noticed: tuple[tuple[str, Level, list[str], str], ...] = (
+    noticed: tuple[tuple[str, Literal["note", "warning"], list[str], str], ...] = (
         ("no_actuator", "note", bare, "no actuator in the file; u must be the joint's force"),
         (
             "servo",

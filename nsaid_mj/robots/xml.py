@@ -10,7 +10,7 @@ import numpy as np
 from lxml import etree
 from lxml.etree import _Element as Element
 
-from ..base import Finding, check_input, read_input, write_text
+from ..base import Finding, InputFile, OutputFile
 from .errors import BadRobot
 
 _DECLARED = re.compile(rb"""^\s*<\?xml[^>]*encoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
@@ -32,7 +32,7 @@ def read_xml(path: Path) -> tuple[Element, list[Finding]]:
         BadRobot: the file cannot be read, or is not XML; the message names the line.
     """
     try:
-        content = read_input(path)
+        content = InputFile(path).read()
     except OSError as error:
         reason = error.strerror or str(error)
         raise BadRobot(str(path), "", reason, "Give the path of a readable file.") from error
@@ -72,7 +72,7 @@ def check_named_files(path: Path) -> None:
                 continue
             seen.add(os.path.realpath(file))
             try:
-                check_input(file)
+                InputFile(file).check()
             except OSError as error:
                 reason = f"it names {file}: {error.strerror}"
                 raise BadRobot(str(path), "", reason, "Give a regular file.") from error
@@ -99,7 +99,7 @@ def _named_files(here: Path, main: Path, root: Element) -> set[Path]:
 
 def write_xml(path: Path, root: Element, remarks: str) -> None:
     """Writes a document as UTF-8, with remarks as a comment at the top of its root."""
-    write_text(path, with_remarks(root, remarks))
+    OutputFile(path).write_text(with_remarks(root, remarks))
 
 
 def with_remarks(root: Element, remarks: str) -> str:

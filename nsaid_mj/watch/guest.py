@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ..core import Identifier
@@ -10,9 +10,9 @@ if TYPE_CHECKING:
 
 def supervised(identifier: Identifier) -> Identifier:
     """The identifier with its supervisor, if its law can be supervised; else as it is."""
-    invite = getattr(identifier, "supervised_by", None)
-    if invite is None:
+    law: Any = identifier
+    if not hasattr(law, "supervised_by"):
         return identifier
     from .supervisor import FilterSupervisor
 
-    return invite(FilterSupervisor(identifier))  # pyright: ignore[reportArgumentType]
+    return law.supervised_by(FilterSupervisor(law.estimator, law.every, law.interval))

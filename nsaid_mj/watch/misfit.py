@@ -42,12 +42,12 @@ from ..core import (
     KalmanFilter,
     Log,
     ParameterSpace,
+    Prior,
+    Replay,
     SecondOrderSystem,
     State,
-    drawn_inside,
 )
 from .drift import walks
-from .replay import Replay, replay
 from .state import kept_of
 
 _LONGEST = 120.0  # length of log that is judged [s], and
@@ -192,7 +192,7 @@ class Misfit(NamedTuple):
         minutes = float(log.t[-1] - log.t[0]) / 60
         walking = estimator.walking(walks(space, 0.0, variance))
         theta = _sound(space, np.array(along[0]), np.array(along[-1]))
-        own = replay(walking, theta, _VAGUE**2 * estimator.covariance(theta), log)
+        own = walking.replay(theta, _VAGUE**2 * estimator.covariance(theta), log)
         one, energy = _judged_pass(own, log)
         if one.level == NONE:
             one = one._replace(level=SOME)
@@ -227,7 +227,7 @@ def _sound(space: ParameterSpace, theta: Array, prior: Array) -> Array:
     theta[k] = np.where(theta[k] == 0, prior[k], np.copysign(theta[k], prior[k]))
     if Cone.of(space).contains(theta):
         return theta
-    return drawn_inside(space, theta, 0.0, np.random.default_rng(0))
+    return Prior(space, theta, 0.0).draw(np.random.default_rng(0))
 
 
 def judged(
@@ -238,18 +238,18 @@ def judged(
     rest: Callable[[], None] | None = None,
 ) -> Misfit:
     """The misfit of a log of N measurements, for a filter starting at θ (p,) with P_θθ (p, p)."""
-    learning = replay(estimator, theta, P, log, rest)
+    learning = estimator.replay(theta, P, log, rest)
     own = learning
     found = []
     for _ in range(_PASSES):  # far from its end, a pass is not linear enough to be judged by
-        own = replay(estimator, own.filter.theta, own.filter.Ptt, log, rest)
+        own = estimator.replay(own.filter.theta, own.filter.Ptt, log, rest)
         found.append(_judged_pass(own, log))
         if found[-1][0].level == NONE:
             break
     best, energy = min(found, key=lambda one: (Misfit.LEVELS.index(one[0].level), -one[0].chance))
     if best.level == NONE and best.chance >= _DOUBTFUL:
         energy = 0.0
-    anew = replay(estimator, theta, estimator.covariance(theta), log, rest)
+    anew = estimator.replay(theta, estimator.covariance(theta), log, rest)
     widening = _widening(estimator.system.space, theta, P, learning, anew, energy)
     return best._replace(chance=min(1.0, best.chance), widening=widening)
 

@@ -9,7 +9,7 @@ memory averages over the drift.
 
 from __future__ import annotations
 
-from ..core import ChosenBy, EfficientIdentifier, EfficientState, Log
+from ..core import EfficientState, KalmanFilter, Log
 from .drift import LONGEST, Rivals, walks
 from .faults.isolation import Isolation
 from .faults.trial import LEAD
@@ -21,14 +21,14 @@ _LATER = 1.5  # durations after which learning again is tried once more
 
 
 class FilterSupervisor:
-    """Supervises the filter of a law."""
+    """Supervises the filter of a law, whose memory has an interval [s] of `every` samples."""
 
-    def __init__(self, law: EfficientIdentifier):
-        self._estimator = law.estimator
-        self._every = law.every
-        self._interval = law.interval
-        self._again = law.estimator.cautious()
-        self._faults = Isolation(law.estimator, law.interval)
+    def __init__(self, estimator: KalmanFilter, every: int, interval: float):
+        self._estimator = estimator
+        self._every = every
+        self._interval = interval
+        self._again = estimator.cautious()
+        self._faults = Isolation(estimator, interval)
 
     def contradicted(self, state: EfficientState, log: Log) -> EfficientState:
         """Learns again, starts trials of possible faults, or restarts the filter."""
@@ -68,9 +68,9 @@ class FilterSupervisor:
         """The state with what follows for the law from what the supervisor keeps."""
         kept = kept_of(state)
         walk = walks(self._estimator.system.space, kept.walk(self._seconds(state)), kept.drift)
-        chosen_by = ChosenBy.residuals if kept.loose is None else ChosenBy.unchanged
+        chosen_by = "residuals" if kept.loose is None else "unchanged"
         if kept.drift:
-            chosen_by = ChosenBy.filter
+            chosen_by = "filter"
         trying = moving_of(state).trials is not None
         return saying(state, walk=walk, chosen_by=chosen_by, trying=trying)
 

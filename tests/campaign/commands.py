@@ -14,7 +14,7 @@ from unittest import mock
 
 import numpy as np
 
-from nsaid_mj.base.bounds import shown
+from nsaid_mj.base import InvalidInput
 from nsaid_mj.clinic.identify.measured import LiveRobot, measured_scenario
 from nsaid_mj.clinic.session import Session
 from nsaid_mj.lab.postprocessing import finish
@@ -63,7 +63,9 @@ def of_fields(rng: random.Random, here: Path) -> Kind:
         end = fields.outcome(way, name, values)
         return "" if end in ("valid", "refused") else end
 
-    words = ", ".join(f"{path}={shown(value)}" for path, value in values.items())
+    words = ", ".join(
+        f"{path}={InvalidInput(path, '', value, '').got}" for path, value in values.items()
+    )
     return Kind(f"{way}, {name}, {words}", check)
 
 

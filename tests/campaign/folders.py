@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 
 from nsaid_mj import Record, run
-from nsaid_mj.base import NotWritten, write_json
+from nsaid_mj.base import NotWritten, OutputFile
 from nsaid_mj.base.errors import NsaidError
 from nsaid_mj.core.laws.faults import FaultEvent
 from nsaid_mj.lab import postprocessing
@@ -61,7 +61,7 @@ def damage(path: Path, rng: random.Random) -> str:
 def damaged_run(rng: random.Random, here: Path) -> Kind:
     """A run's folder with a damaged file is read, rebuilt and overwritten."""
     out = Path(shutil.copytree(packed("run"), here / "out"))
-    write_json(out / FAULTS, [FAULT.keys()])
+    OutputFile(out / FAULTS).write_json([FAULT.keys()])
     name = rng.choice((RUN[0], RUN[0], RUN[1], RUN[2], FAULTS))
     way = damage(out / name, rng)
 

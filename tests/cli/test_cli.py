@@ -14,7 +14,7 @@ import pytest
 
 import nsaid_mj
 from nsaid_mj import ArmPlant, NullspaceAID, Scenario
-from nsaid_mj.base import sign, write_json
+from nsaid_mj.base import OutputFile
 from nsaid_mj.cli import grammar
 from nsaid_mj.cli.commands import title_of
 from nsaid_mj.cli.grammar import RunOptions
@@ -375,8 +375,8 @@ def pretend(folder: Path, status: str) -> Path:
     """Leaves what a run of this status leaves."""
     folder.mkdir(parents=True)
     (folder / "record.arrow").write_bytes(b"dear")
-    write_json(folder / "summary.json", {"status": status})
-    sign(folder / "record.arrow")
+    OutputFile(folder / "summary.json").write_json({"status": status})
+    OutputFile(folder / "record.arrow").sign()
     return folder
 
 

@@ -102,7 +102,7 @@ def test_verify(words: tuple[Any, ...], code: int, monkeypatch: Patch) -> None:
         scenario=SimpleNamespace(hash=""),
         folder=Path("out"),
     )
-    put(monkeypatch, "cli.commands.record_file", None)
+    put(monkeypatch, "base.files.OutputFolder.record_file", None)
     put(monkeypatch, "lab.evaluation.verify.Verification.of_folder", verification_of(run, verdicts))  # pyright: ignore[reportArgumentType]
     assert shell("verify", "--run", "out", "--quiet")[0] == code
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.base.errors import InvalidInput
-from nsaid_mj.base.files import RECORDING
+from nsaid_mj.base.files import OutputFolder
 from nsaid_mj.cli.commands import command
 from tests.clinic.servos import simulated
 from tests.support.lerobot import write_dataset
@@ -20,7 +20,7 @@ def test_so101_is_a_demo_with_a_line_for_every_servo(tmp_path, capsys):
     for joint in ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"):
         assert f"\n  {joint} " in said
     assert "identification.json" in said
-    assert (out / RECORDING).is_file()  # which `nsaid view` opens
+    assert (out / OutputFolder.RECORDING).is_file()  # which `nsaid view` opens
     found = json.loads((out / "identification.json").read_text())
     assert found["law"] == "output error" and found["explains"] == "yes"
     lift = next(servo for servo in found["servos"] if servo["name"] == "shoulder_lift")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.core.log import Measurement
-from nsaid_mj.core.structure.multibody import Multibody
+from nsaid_mj.core.structure.joints import JointTree
 from nsaid_mj.core.structure.system import checked
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.setup import Setup
@@ -428,7 +428,7 @@ def test_an_actuators_column_depends_on_its_own_command_only(name, seed):
 # -- no true value inside ------------------------------------------------------------------------
 
 
-def models(system: Multibody):
+def models(system: JointTree):
     """Every Pinocchio model that a system and its reference hold."""
     values = [*vars(system).values(), *vars(system.reference).values()]
     held = [part for value in values for part in (value if isinstance(value, tuple) else [value])]
@@ -471,7 +471,7 @@ def test_other_true_numbers_leave_a_vehicles_system_bit_identical(name):
 @arms
 def test_a_system_is_built_without_any_inertia(name):
     robot, old = load_robot(name), plant(name).system
-    system = Multibody(robot.model, old.scales, old.friction_speed)
+    system = JointTree.by_pinocchio(robot.model, old.scales, old.friction_speed)
     for model in models(system):
         assert (inertias(model) == 0).all()
         assert (np.array(model.armature) == 0).all()
@@ -481,7 +481,7 @@ def test_a_system_is_built_without_any_inertia(name):
 @arms
 def test_evaluate_leaves_only_estimates_in_the_model(name):
     robot, old = load_robot(name), plant(name).system
-    system = Multibody(robot.model, old.scales, old.friction_speed)
+    system = JointTree.by_pinocchio(robot.model, old.scales, old.friction_speed)
     rng = np.random.default_rng(9)
     theta = plant(name).truth * (1 + 0.2 * rng.uniform(-1, 1, system.p))
     t, x, w, _, u = draw(system, rng)
@@ -507,7 +507,7 @@ def test_other_true_inertias_leave_the_system_bit_identical(name):
     t, x, w, a, u = draw(old, np.random.default_rng(10), (3,))
     answers = []
     for model in (robot.model, other):
-        system = Multibody(model, old.scales, old.friction_speed)
+        system = JointTree.by_pinocchio(model, old.scales, old.friction_speed)
         theta = plant(name).truth
         q, v = system.split(x[0])
         seen = system.evaluate_at(t[0], q, v, u[0], w[0], theta)

@@ -13,7 +13,6 @@ import numpy as np
 
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.core.structure.configuration_space import plain
-from nsaid_mj.core.structure.inverse_dynamics import InverseDynamics
 from nsaid_mj.core.structure.joints import JointTree
 from nsaid_mj.lab.control.computed_torque import Tracking, computed_torque, tracking_workspace
 from nsaid_mj.lab.control.driver import Driver
@@ -112,7 +111,7 @@ class Planned(Driver):
         self._series = Series(np.ones(1), np.zeros((n, 2)), np.zeros(n))
         limit = 5.0 * system.scales.command
         omega = 2 * np.pi * _BANDWIDTH
-        arm = InverseDynamics.of(system.structure.arrays, system.n)
+        arm = system.inverse_dynamics()
         model = np.array(prior)
         self._tracking = Tracking(arm, system.driven, model, self._series, omega, limit)
         self._workspace = tracking_workspace(self._tracking)

@@ -21,7 +21,6 @@ from nsaid_mj.lab.following import RunTimes
 from nsaid_mj.lab.loop import Ending, SimulatedRun
 from nsaid_mj.lab.record import Record
 from nsaid_mj.lab.setup import with_prior_error
-from nsaid_mj.watch.replay import replay
 
 from .cases import Case
 from .simulation import Simulated, simulated
@@ -120,7 +119,7 @@ def trace_of(case: Case) -> float:
         assert isinstance(config, NullspaceAID)
         estimator = KalmanFilter(setup.system, setup.scenario.dt, config.efficient)
         P = estimator.covariance(setup.prior)
-        learned = replay(estimator, setup.prior, P, log).filter
-        again = replay(estimator, learned.theta, learned.Ptt, log)
+        learned = estimator.replay(setup.prior, P, log).filter
+        again = estimator.replay(learned.theta, learned.Ptt, log)
         innovations.append(again.along.innovation)
     return float(np.nansum((innovations[0] - innovations[1]) ** 2))

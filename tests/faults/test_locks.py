@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from nsaid_mj.base.errors import BadRun, FolderInUse, NotWritten
-from nsaid_mj.base.files import atomic_write, locked, write_text
+from nsaid_mj.base.files import OutputFile, OutputFolder
 from nsaid_mj.lab import postprocessing
 from nsaid_mj.lab.loop import Observer, run
 from nsaid_mj.lab.record import RECORD_FILE, Record
@@ -30,8 +30,8 @@ SHORT = replace(ROV, duration=0.5, held_out=0.2, pe_window=0.2)
 HOLD = """
 import sys, time
 from pathlib import Path
-from nsaid_mj.base.files import locked
-with locked(Path(sys.argv[1])):
+from nsaid_mj.base import OutputFolder
+with OutputFolder(Path(sys.argv[1])).locked():
     print("held", flush=True)
     time.sleep(600)
 """
@@ -115,7 +115,7 @@ def test_two_threads_cannot_run_in_one_folder(tmp_path: Path) -> None:
         except FolderInUse as error:
             found.append(type(error))
 
-    with locked(tmp_path), locked(tmp_path):  # the same thread may
+    with OutputFolder(tmp_path).locked(), OutputFolder(tmp_path).locked():  # the same thread may
         thread = threading.Thread(target=second)
         thread.start()
         thread.join()
@@ -124,10 +124,10 @@ def test_two_threads_cannot_run_in_one_folder(tmp_path: Path) -> None:
 
 
 def test_a_lock_leaves_no_folder_that_nobody_has_used(tmp_path: Path) -> None:
-    with pytest.raises(ZeroDivisionError), locked(tmp_path / "a" / "b"):
+    with pytest.raises(ZeroDivisionError), OutputFolder(tmp_path / "a" / "b").locked():
         raise ZeroDivisionError
     assert not list(tmp_path.iterdir())
-    with locked(tmp_path / "a" / "b"):
+    with OutputFolder(tmp_path / "a" / "b").locked():
         (tmp_path / "a" / "file").touch()
     assert [path.name for path in (tmp_path / "a").iterdir()] == ["file"]
 
@@ -218,9 +218,9 @@ def test_links_planted_in_a_sweeps_folder_are_not_followed(tmp_path: Path) -> No
 def test_what_cannot_be_written_is_a_typed_error_with_a_remedy(tmp_path: Path) -> None:
     (tmp_path / "file").mkdir()
     with pytest.raises(NotWritten, match=r"not written by nsaid-mj.*--out"):
-        write_text(tmp_path / "file", "words")
-    with pytest.raises(NotWritten), atomic_write(tmp_path / "gone" / "file"):
+        OutputFile(tmp_path / "file").write_text("words")
+    with pytest.raises(NotWritten), OutputFile(tmp_path / "gone" / "file").atomically():
         pass
-    with pytest.raises(ZeroDivisionError), atomic_write(tmp_path / "other"):
+    with pytest.raises(ZeroDivisionError), OutputFile(tmp_path / "other").atomically():
         raise ZeroDivisionError
     assert [path.name for path in tmp_path.iterdir()] == ["file"]

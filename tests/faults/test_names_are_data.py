@@ -11,7 +11,7 @@ import pytest
 
 import nsaid_mj
 from nsaid_mj.base.errors import InvalidInput, printable
-from nsaid_mj.base.files import print_json, write_text
+from nsaid_mj.base.files import OutputFile, print_json
 from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.clinic.logs import tables
 from nsaid_mj.lab.record import Record
@@ -80,7 +80,7 @@ def test_a_mesh_that_is_not_there_is_left_out_whatever_its_name(mesh, tmp_path):
 
 
 def test_a_name_that_is_no_utf_8_does_not_keep_a_page_from_being_written(tmp_path):
-    write_text(tmp_path / "page.html", "of \udcff.urdf")
+    OutputFile(tmp_path / "page.html").write_text("of \udcff.urdf")
     assert (tmp_path / "page.html").read_text(encoding="utf-8") == "of ?.urdf"
 
 

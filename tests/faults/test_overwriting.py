@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from nsaid_mj.base import reading
+from nsaid_mj.base import InputFile
 from nsaid_mj.base.errors import NotWritten
-from nsaid_mj.base.files import write_text
+from nsaid_mj.base.files import OutputFile
 from nsaid_mj.robots.assets import folder
 from tests.support.faulty import shell
 
@@ -71,13 +71,13 @@ def test_a_folder_of_other_files_is_refused_before_any_work(
 
 def test_an_input_is_not_overwritten_even_with_force(desk: Path) -> None:
     model = desk / "two.urdf"
-    with reading("two.urdf", "double_pendulum", None):
+    with InputFile.reading("two.urdf", "double_pendulum", None):
         with pytest.raises(NotWritten, match="a file that was read"):
-            write_text(model, "")
-        write_text(desk / "other.yaml", "other")
+            OutputFile(model).write_text("")
+        OutputFile(desk / "other.yaml").write_text("other")
     assert model.read_bytes() == URDF.read_bytes()
     with pytest.raises(NotWritten, match="not written by nsaid-mj"):
-        write_text(model, "later")  # by another command, which does not read it
+        OutputFile(model).write_text("later")  # by another command, which does not read it
 
 
 def test_a_folder_that_is_named_by_way_of_a_missing_one_is_not_taken_as_new(desk: Path) -> None:

@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
-from nsaid_mj import NsaidError, base
+from nsaid_mj import NsaidError
 from nsaid_mj.base.errors import NotWritten
-from nsaid_mj.base.files import write_text
-from nsaid_mj.base.inputs import read_input, reading
+from nsaid_mj.base.files import OutputFile
+from nsaid_mj.base.inputs import InputFile
 from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.clinic.logs.tables import read_tables
 from nsaid_mj.robots.assets import folder
@@ -122,19 +122,19 @@ def test_the_default_folder_is_another_than_one_with_a_users_files(words: str, d
 
 def test_a_file_of_ours_is_replaced_until_it_is_edited(tmp_path: Path) -> None:
     file = tmp_path / "report.html"
-    write_text(file, "first")
-    write_text(file, "second")
+    OutputFile(file).write_text("first")
+    OutputFile(file).write_text("second")
     assert file.read_text(encoding="utf-8") == "second"
     file.write_text("second, and a remark", encoding="utf-8")
     with pytest.raises(NotWritten, match="has been changed since"):
-        write_text(file, "third")
+        OutputFile(file).write_text("third")
     assert file.read_text(encoding="utf-8") == "second, and a remark"
 
 
 @pytest.mark.parametrize("name", [".report.html.part", ".nsaid-mj.json"])
 def test_hidden_files_of_the_users_are_kept(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text("mine", encoding="utf-8")
-    write_text(tmp_path / "report.html", "words")
+    OutputFile(tmp_path / "report.html").write_text("words")
     assert (tmp_path / name).read_text(encoding="utf-8") == "mine"
     assert {path.name for path in tmp_path.iterdir()} <= {name, "report.html", ".nsaid-mj.json"}
 
@@ -161,9 +161,9 @@ def linked(file: Path, link: Callable[[Path, Path], object]) -> Path:
 def test_a_file_that_was_read_is_kept_by_whatever_path(spelled: str, tmp_path: Path) -> None:
     (tmp_path / "a" / "sub").mkdir(parents=True)
     file = tmp_path / "a" / "log.csv"
-    write_text(file, "mine")
-    with base.reading(file), pytest.raises(NotWritten, match="a file that was read"):
-        write_text(SPELLED[spelled](file), "lost")
+    OutputFile(file).write_text("mine")
+    with InputFile.reading(file), pytest.raises(NotWritten, match="a file that was read"):
+        OutputFile(SPELLED[spelled](file)).write_text("lost")
     assert file.read_text(encoding="utf-8") == "mine"
 
 
@@ -181,7 +181,7 @@ def mjcf(desk: Path) -> dict[str, Path]:
     for file, text in zip(
         files.values(), (MAIN, INCLUDED.format(kind="sphere"), MESH), strict=True
     ):
-        write_text(file, text)
+        OutputFile(file).write_text(text)
     return files
 
 
@@ -189,10 +189,10 @@ def mjcf(desk: Path) -> dict[str, Path]:
 def test_a_models_other_files_are_kept_too(name: str, tmp_path: Path) -> None:
     file = mjcf(tmp_path)[name]
     before = file.read_bytes()
-    with base.reading():
+    with InputFile.reading():
         load_tree(str(tmp_path / "main.xml"))
         with pytest.raises(NotWritten, match="a file that was read"):
-            write_text(file, "lost")
+            OutputFile(file).write_text("lost")
     assert file.read_bytes() == before
 
 
@@ -332,10 +332,10 @@ def test_what_a_command_wrote_it_may_read_and_write_again(tmp_path: Path) -> Non
     mine = tmp_path / "mine.xml"
     mine.write_text("<a/>", encoding="utf-8")
     ours = tmp_path / "ours.xml"
-    with reading():
-        write_text(ours, "<a/>")
-        assert read_input(ours) == read_input(mine)
-        write_text(ours, "<b/>")
+    with InputFile.reading():
+        OutputFile(ours).write_text("<a/>")
+        assert InputFile(ours).read() == InputFile(mine).read()
+        OutputFile(ours).write_text("<b/>")
         with pytest.raises(NotWritten):
-            write_text(mine, "<b/>")
+            OutputFile(mine).write_text("<b/>")
     assert ours.read_text(encoding="utf-8") == "<b/>"

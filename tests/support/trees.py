@@ -8,13 +8,12 @@ import numpy as np
 
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.core.structure.columns import KINDS
-from nsaid_mj.core.structure.columns.curve import interpolated
 from nsaid_mj.core.structure.columns.kind import CURVE, LISTED
 from nsaid_mj.core.structure.forces import BODY_KINDS
 from nsaid_mj.core.structure.parts import Body, Column, Inertia, Rotor
 from nsaid_mj.core.structure.structure import Structure
 
-TABLE = interpolated(np.array([-3.0, -0.4, 0.3, 3.0]), np.array([-2.0, -0.7, 0.4, 2.5]))
+TABLE = Column.interpolated(np.array([-3.0, -0.4, 0.3, 3.0]), np.array([-2.0, -0.7, 0.4, 2.5]))
 
 
 def unit(rng: np.random.Generator) -> Array:

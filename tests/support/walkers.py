@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from nsaid_mj.base import pin
-from nsaid_mj.core import CompiledMultibody, ContactPoint, JointScales
+from nsaid_mj.core import ContactPoint, JointScales, JointTree
 from nsaid_mj.core.structure.joints import floats
 from nsaid_mj.robots import load_robot
 
@@ -23,7 +23,7 @@ def identified(model, contacts, friction_speed=0.05):
     sizes = {name: value * one for name, value in parts.items()}
     mass = np.full(bodies, 0.2)
     scales = JointScales(mass, np.full(bodies, 0.15), rotor=0.01 * one, **sizes)
-    system = CompiledMultibody(model, scales, friction_speed * one)
+    system = JointTree.checked(model, scales, friction_speed * one)
     links = [model.inertias[i].toDynamicParameters() for i in range(1, model.njoints)]
     theta = np.concatenate([*links, 0.01 * one, 0.1 * one, 0.1 * one, one])
     structure = replace(system.structure, contacts=tuple(contacts))

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...base import CHOICES, LARGEST, InvalidInput, check_choice, numbers_in, path_of
+from ...base import CHOICES, LARGEST, InvalidInput, numbers_in, path_of
 from ...robots import asset, check_model
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def check_map(path: Path | None) -> None:
 
 def check_identify(chosen: ToIdentify, model: str) -> None:
     """Checks what `nsaid identify` was given."""
-    check_choice("law", chosen.law)
+    CHOICES.check("law", chosen.law)
     if chosen.delay != "auto":
         numbers_in("--delay", chosen.delay, "Such as 0.01.")
     known = [known_number(text)[0] for text in chosen.known]
@@ -67,7 +67,7 @@ def check_identify(chosen: ToIdentify, model: str) -> None:
     if chosen.columns != "auto":
         for name in names_in(chosen.columns):
             if name not in CHOICES["column of a vehicle"]:
-                check_choice("column", name)
+                CHOICES.check("column", name)
     check_model(model)
     if chosen.load:
         from ..identify.loads import load_of
@@ -97,7 +97,7 @@ def check_live(chosen: ToFollow) -> None:
         from ...core import NullspaceAID
 
         NullspaceAID(law=chosen.law)  # type: ignore[arg-type]  # raises
-    check_choice("frame", chosen.frame)
+    CHOICES.check("frame", chosen.frame)
     for flag, value, least, most in (
         ("--position-noise", chosen.position_noise, _LEAST_NOISE, _MOST_NOISE),
         ("--velocity-noise", chosen.velocity_noise, _LEAST_NOISE, _MOST_NOISE),

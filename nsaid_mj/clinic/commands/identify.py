@@ -10,7 +10,7 @@ from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...base import InvalidInput, numbers_in, print_json, printable, write_json, write_text
+from ...base import InvalidInput, OutputFile, numbers_in, print_json, printable
 from ...lab import check_writable, folder_for_results
 from ...report import ExitCode
 from ...robots import asset
@@ -102,7 +102,7 @@ def _mended(model: str, chosen: ToIdentify, folder: Path, quiet: bool) -> ToIden
     if not found.kept:
         return chosen
     folder.mkdir(parents=True, exist_ok=True)
-    write_text(folder / FIXED, found.text)
+    OutputFile(folder / FIXED).write_text(found.text)
     if not quiet:
         print(printable(str(folder / FIXED)), file=sys.stderr)
     return replace(chosen, map=folder / FIXED)  # pyright: ignore[reportArgumentType]
@@ -164,19 +164,19 @@ def write(
     report("writing and trying the calibrated models")
     files, followed = write_models(result, folder)
     result = with_trial(result, followed)
-    write_json(folder / RESULT, without_nonfinite(result.summary()))
+    OutputFile(folder / RESULT).write_json(without_nonfinite(result.summary()))
     report("writing the report")
     from ..identify.page import identification_page as pages_page
 
     page = pages_page(result, command)
     files.append(page.write_html(folder))
-    from ...base import RECORDING, installed
+    from ...base import OutputFolder, installed
 
     if installed("rerun"):
         from ..identify.recording import record
 
         report("writing the recording")
-        files.append(record(page, folder / RECORDING))
+        files.append(record(page, folder / OutputFolder.RECORDING))
     if result.law is not None:
         from ...lab import finish
 
@@ -234,8 +234,8 @@ def identify_given(
     write_servo_mjcf(result, model_file)
     result, replay = replayed(result, model_file, given, others)
     write_servo_mjcf(result, model_file)
-    write_json(path, without_nonfinite(result.summary()))
-    from ...base import RECORDING, installed
+    OutputFile(path).write_json(without_nonfinite(result.summary()))
+    from ...base import OutputFolder, installed
     from ..servos.page import servo_page as servos_page
 
     commands = [repeated(chosen)]
@@ -248,7 +248,7 @@ def identify_given(
         from ..identify.recording import record_servos
 
         progress.say("writing the recording")
-        files.append(record_servos(page, replay, folder / RECORDING))
+        files.append(record_servos(page, replay, folder / OutputFolder.RECORDING))
     return page, [*files, page.write_html(folder)]
 
 
@@ -267,12 +267,12 @@ def inspect_log(chosen: ToInspect) -> int:
         raise InvalidInput("logs", "one or more files", "none", "Such as `nsaid inspect log.csv`.")
     check_writable(chosen.out)
     check_inspect(chosen)
-    from ...base import writing
+    from ...base import NotWritten
     from ..logs.formats import limited_to
 
     with limited_to(chosen.limit * 1e9):
         found, fixed = _inspected(chosen)
-    with writing(chosen.out):
+    with NotWritten.on_failure(chosen.out):
         chosen.out.mkdir(parents=True, exist_ok=True)
     files = _files_of_inspection(chosen, found, fixed)
     if chosen.json:
@@ -345,13 +345,15 @@ def _inspected(chosen: ToInspect) -> tuple[Inspection, Fix | None]:
 
 def _files_of_inspection(chosen: ToInspect, found: Inspection, fixed: Fix | None) -> list[Path]:
     """Draws the picture and writes a map: the mended one, or a first one if columns lack in it."""
-    from ...base import is_ours
+    from ...base import OutputFile
     from ..identify.inspection_page import draw_inspection
     from ..logs.first_map import first_map
 
     names = chain((PICTURE,), map("inspection-{}.png".format, count(2)))
     paths = (chosen.out / name for name in names)
-    files = [draw_inspection(found, next(p for p in paths if not p.exists() or is_ours(p)))]
+    files = [
+        draw_inspection(found, next(p for p in paths if not p.exists() or OutputFile(p).is_ours))
+    ]
     if fixed is not None and fixed.kept:
         names = chain((FIXED,), map("map-fixed-{}.toml".format, count(2)))
         files.append(_write_map(chosen.out, names, fixed.text))
@@ -379,24 +381,24 @@ def _packed(logs: tuple[Path, ...]) -> bool:
 
 def _write_map(folder: Path, names: Iterable[str], text: str) -> Path:
     """Writes a map under the first name that is free, or has this text already."""
-    from ...base import create, writing
+    from ...base import NotWritten, OutputFile
 
     content = text.encode("utf-8", "replace")
     paths = (folder / name for name in names)
     path = next(p for p in paths if not p.exists() or _holds(p, content))
     if not path.exists():
-        with writing(path):
-            create(path)
+        with NotWritten.on_failure(path):
+            OutputFile(path).create()
             path.write_bytes(content)
     return path
 
 
 def _holds(path: Path, text: bytes) -> bool:
     """Whether a file has just this content."""
-    from ...base import read_bytes
+    from ...base import OutputFile
 
     try:
-        return read_bytes(path) == text
+        return OutputFile(path).read() == text
     except OSError:
         return False
 

@@ -10,13 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...base import CHOICES, InvalidInput
-from ...core import (
-    Array,
-    CompiledMultibody,
-    JointScales,
-    SensorLevels,
-    drawn_inside,
-)
+from ...core import Array, JointScales, JointTree, Prior, SensorLevels
 from ...lab import BUDGET, sysid, toolbox
 from ...robots import (
     BadRobot,
@@ -247,13 +241,13 @@ def by_toolbox(
     made = structured_arm(robot, recordings, None, Options(columns=BASIC), lambda _: None)
     space = made.problem.space
     n = len(robot.joints)
-    prior = drawn_inside(space, made.problem.prior, 0.0, np.random.default_rng(0))
+    prior = Prior(space, made.problem.prior, 0.0).draw(np.random.default_rng(0))
     speeds = np.array([joint.friction_speed for joint in made.velocities])
     one = np.ones(n)
     rotor, viscous, coulomb, gain = prior[-4 * n :].reshape(4, n)
     masses = prior[: -4 * n : 10]
     scales = JointScales(masses, np.ones_like(masses), viscous, coulomb, gain, one, one, rotor)
-    system = CompiledMultibody(robot.model, scales, speeds)
+    system = JointTree.checked(robot.model, scales, speeds)
     logs = [delayed(s, made.delays).log for s in recordings.segments]
     sign = np.sign(robot.gain)
     logs = [log._replace(q=robot.system.position(log.q), u=log.u * sign) for log in logs]

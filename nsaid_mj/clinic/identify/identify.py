@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...base import InvalidInput, UnknownName, check_choice, single_threaded
+from ...base import CHOICES, InvalidInput, UnknownName, single_threaded
 from ...robots import asset, mjcf_of
 from ..logs.unusable import UnreadableLog, UnusableLog
 
@@ -74,7 +74,7 @@ def identify(
         UnusableLog: a fault of the log, such as a reversed or dead channel, with all findings.
         NsaidError: a file cannot be read, a name is unknown, or a value is not physical.
     """
-    check_choice("law", law)
+    CHOICES.check("law", law)
     own = _read_map(mapping)
     other = _read_map(validate_mapping)
     carried = tuple(map(_load, loads))
@@ -131,7 +131,7 @@ def identify_forces(
     report: Callable[[str], None] = lambda _: None,
 ) -> Identification:
     """Identifies a robot from logs whose commands are forces, in any unit; see `identify`."""
-    check_choice("law", law)
+    CHOICES.check("law", law)
     from .models import floating
 
     report("reading the model")

@@ -13,11 +13,9 @@ from ...base import Finding
 from ...core import (
     Array,
     Confidence,
-    EfficientConfig,
     Identifier,
     Log,
     Measurement,
-    MemoryConfig,
     NullspaceAID,
     State,
     Status,
@@ -116,8 +114,8 @@ def follow_log(law: str, found: Identification, folder: Path) -> AlongLog:
         config,
         # between the memory's steps, the flow (45) would follow unmodelled effects
         gain=_SLOW if law in ("memory", "efficient") else 1.0,
-        memory=MemoryConfig(interval=_INTERVAL),
-        efficient=EfficientConfig(unexplained=tuple(unexplained)),
+        memory=replace(config.memory, interval=_INTERVAL),
+        efficient=replace(config.efficient, unexplained=tuple(unexplained)),
     )
     scenario = replace(scenario, identifier=config)
     whole = known.robot_of(robot)

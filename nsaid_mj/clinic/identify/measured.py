@@ -10,18 +10,18 @@ from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
+from pydantic import StrictBool
 
-from ...base import Flag, InvalidInput, Name, Number, Positive, config
+from ...base import InvalidInput, Number, Positive, config
 from ...core import (
     Block,
     Column,
-    CompiledMultibody,
     Geometry,
     JointTree,
     NullspaceAID,
     ParameterSpace,
+    Prior,
     Rotor,
-    drawn_inside,
 )
 from ...lab import (
     ArmPlant,
@@ -73,9 +73,9 @@ class LiveRobot(MeasuredRobot):
             than forces [N·m or N per unit]; None for the model file's, or 1.
     """
 
-    robot: Name
-    lock: tuple[Name, ...] = ()
-    joints: tuple[Name, ...] = ()
+    robot: str
+    lock: tuple[str, ...] = ()
+    joints: tuple[str, ...] = ()
     gain: Positive | None = None
 
     def known(self) -> RobotDescription:
@@ -122,9 +122,9 @@ def _arm(model: RobotModel, gain: float | None) -> RobotDescription:
     scales = replace(
         nominal, rotor=rotor, gain=gains, command=command, driven=tuple(driven), **friction
     )
-    system = CompiledMultibody(tree, scales, np.full(k, _FRICTION_SPEED))
+    system = JointTree.checked(tree, scales, np.full(k, _FRICTION_SPEED))
     prior = np.concatenate([file_links(tree), rotor, viscous, coulomb, gains])
-    prior = drawn_inside(system.space, prior, 0.0, np.random.default_rng(0))
+    prior = Prior(system.space, prior, 0.0).draw(np.random.default_rng(0))
     return RobotDescription(system, prior, model.visuals)
 
 
@@ -170,13 +170,13 @@ _OPERATION = 2.0  # largest speeds and commands, relative to their rms
 class Parameters:
     """A block of θ, see `parameters.Block`."""
 
-    name: Name
-    names: tuple[Name, ...]
-    units: tuple[Name, ...]
+    name: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
     scale: tuple[Positive, ...]
     geometry: Geometry
-    actuator: Flag
-    labels: tuple[Name, ...]
+    actuator: StrictBool
+    labels: tuple[str, ...]
     entries: tuple[tuple[int, int, int, float], ...] = ()
 
     @staticmethod
@@ -204,12 +204,12 @@ class Parameters:
 class FittedColumn:
     """A column of F, see `structure.parts.Column`."""
 
-    kind: Name
+    kind: str
     parameter: int
     body: int
     dof: int
     input: int
-    constants: tuple[tuple[Name, tuple[Number, ...]], ...]
+    constants: tuple[tuple[str, tuple[Number, ...]], ...]
 
     @staticmethod
     def of(column: Column) -> FittedColumn:
@@ -237,8 +237,8 @@ class LogRobot(MeasuredRobot):
 
     # path of a URDF, MJCF or vehicle's TOML file, or the name of a robot or vehicle, for its
     # kinematics
-    robot: Name
-    joints: tuple[Name, ...]  # the joints that move; none of a vehicle
+    robot: str
+    joints: tuple[str, ...]  # the joints that move; none of a vehicle
     blocks: tuple[Parameters, ...]  # blocks of θ
     prior: tuple[Number, ...]  # (p,) θ̂(0)
     columns: tuple[FittedColumn, ...]  # that the fit adds to the robot's own
@@ -260,7 +260,7 @@ class LogRobot(MeasuredRobot):
         columns = [*structure.columns, *(each.column for each in self.columns)]
         rotors = [*structure.rotors, *(Rotor(*each) for each in self.rotors)]
         structure = replace(structure, columns=columns, rotors=rotors, p=len(space))
-        prior = drawn_inside(space, np.array(self.prior), 0.0, np.random.default_rng(0))
+        prior = Prior(space, np.array(self.prior), 0.0).draw(np.random.default_rng(0))
         return RobotDescription(own.rebuilt(structure, space), prior, model.visuals)
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...base import Finding, InvalidInput, NsaidError, UnknownName, read_input
+from ...base import Finding, InputFile, InvalidInput, NsaidError, UnknownName
 from ...lab import load
 from ...robots import (
     BadRobot,
@@ -57,7 +57,7 @@ def load_robot_model(
     if lock or joints is not None:
         expected = "no joints, for a vehicle"
         raise InvalidInput("lock", expected, [*lock, *(joints or ())], "Leave it out.")
-    from ...core import drawn_inside
+    from ...core import Prior
     from ...lab import ParametricPlantConfig
 
     packed = model in scenarios()
@@ -80,7 +80,7 @@ def load_robot_model(
         gain=np.ones(count),
         limits=np.full(count, np.inf),
         system=system,
-        prior=drawn_inside(system.space, nominal, 0.0, np.random.default_rng(0)),
+        prior=Prior(system.space, nominal, 0.0).draw(np.random.default_rng(0)),
         findings=_guesses(config),
         visuals=plant,
         top_speed=_top_speed(config),
@@ -155,7 +155,7 @@ def plant_of(sheet: Path) -> PlantConfig:
     from ...lab import vehicle_families
 
     try:
-        content = tomllib.loads(read_input(sheet).decode())
+        content = tomllib.loads(InputFile(sheet).read().decode())
     except (OSError, ValueError, RecursionError):
         content = {}  # every family reports it alike
     families = {family.sheet.family: family for family in vehicle_families()}

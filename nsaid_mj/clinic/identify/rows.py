@@ -78,7 +78,7 @@ class Rows:
         multiplied before the filter; None for W as it is.
         """
         found = []
-        half = len(self.chosen.kernel) // 2
+        half = self.chosen.filter.half
         for number, motion in enumerate(self.motions):
             centres = self.chosen.centres(len(motion.t))
             for first in range(0, len(centres), _BLOCK):

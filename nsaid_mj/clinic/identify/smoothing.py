@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import scipy
 
-from ...core import Array, Indices, Log, decimated, symmetric, zero_phase
+from ...core import Array, Indices, Log, LowPass, zero_phase
 from ..logs.recordings import LogSegment, Recordings
 from ..logs.signals import noise
 from .problem import Mask
@@ -61,9 +61,9 @@ class Filter(NamedTuple):
         return x if len(x) < 8 else zero_phase(x, self.smoothing, self.rate)
 
     @property
-    def kernel(self) -> Array:
-        """(2h + 1,) symmetric filter of the rows at the regressors' rate."""
-        return symmetric(self.cutoff, self.rate / self.every)
+    def filter(self) -> LowPass:
+        """The filter of the rows, at the regressors' rate."""
+        return LowPass(self.cutoff, self.rate / self.every)
 
     @property
     def decimation(self) -> int:
@@ -72,12 +72,12 @@ class Filter(NamedTuple):
 
     def centres(self, samples: int) -> Indices:
         """Indices of the regressors, of `samples` in a segment, at the centres of the rows."""
-        half = len(self.kernel) // 2
+        half = self.filter.half
         return np.arange(half, samples - half, self.decimation)
 
     def rows(self, x: Array) -> Array:
         """(K, ...) rows of x (N, ...) at the centres."""
-        return decimated(x, self.kernel, self.decimation)
+        return self.filter.every(self.decimation, x)
 
 
 def noise_levels(log: Log) -> tuple[float, float]:

@@ -9,7 +9,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...core import (
-    DRAG_AND_LIFT,
     Array,
     Block,
     Column,
@@ -142,7 +141,7 @@ class VehicleRows(Rows):
         """
         system = self.system
         acting = np.zeros(len(self.system.space))
-        at = [c.parameter for c in system.structure.columns if c.kind in DRAG_AND_LIFT]
+        at = system.structure.drag_and_lift
         acting[at] = theta[at]
         moved = (system.m, system.n) in ((7, 6), (3, 3)) and not self.recordings.turns_only
         if not acting.any() or not moved:

@@ -5,11 +5,11 @@ Every step is reported.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ...base import Finding, Level
+from ...base import Finding
 from ...core import Array, Log, continuous_signs, number
 from ...robots import RobotModel
 from . import signals
@@ -202,7 +202,11 @@ def _coarse(channel: Channel, order: signals.Order) -> bool:
 
 
 def about_rows(
-    level: Level, code: str, where: str, rows: Sequence[int] | np.ndarray, text: str
+    level: Literal["note", "warning", "refusal"],
+    code: str,
+    where: str,
+    rows: Sequence[int] | np.ndarray,
+    text: str,
 ) -> Finding:
     """A finding that begins with a number of rows and ends with the first of them.
 

@@ -9,20 +9,16 @@ from math import pi
 from typing import Annotated, Any, Literal, NamedTuple, cast
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, ValidationError
-
-from ...base import (
-    Flag,
-    InvalidInput,
-    Name,
-    NonNegative,
-    Number,
-    Positive,
-    config,
-    path_of,
-    read_input,
-    shown,
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    StrictBool,
+    TypeAdapter,
+    ValidationError,
 )
+
+from ...base import InputFile, InvalidInput, NonNegative, Number, Positive, config, path_of
 
 Quantity = Literal["position", "velocity", "command"]
 
@@ -166,8 +162,8 @@ def _two_points(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, f
 
 Ratio = Annotated[Number, AfterValidator(_not_zero)]
 Points = Annotated[tuple[tuple[Number, Number], tuple[Number, Number]], AfterValidator(_two_points)]
-Three = Annotated[tuple[Name, ...], Field(min_length=3, max_length=3)]
-Four = Annotated[tuple[Name, ...], Field(min_length=4, max_length=4)]
+Three = Annotated[tuple[str, ...], Field(min_length=3, max_length=3)]
+Four = Annotated[tuple[str, ...], Field(min_length=4, max_length=4)]
 
 
 @config
@@ -179,7 +175,7 @@ class ColumnMap:
     Two `points` of the line from value to position replace all these.
     """
 
-    column: Name  # name of the column
+    column: str  # name of the column
     # unit of its values; None if the name states it (`q1_deg`), or it is SI
     unit: Unit | None = None
     # −1 if the column counts against the joint's axis
@@ -290,7 +286,7 @@ class Pd:
 class Time:
     """The time of every file."""
 
-    column: Name | None = None  # name of the column; None to find it
+    column: str | None = None  # name of the column; None to find it
     unit: TimeUnit | None = None  # None to detect it
     rate: Positive | None = None  # rows per second of files without a time [Hz]
     # multiplies the times, of a clock that runs too fast or too slowly; 1 of one known to be right,
@@ -410,11 +406,11 @@ class Vehicle:
     # of a vehicle in space whose position and linear velocity are not measured, if it has them:
     # its depth [m], and its specific force along the body's axes at the origin [m/s²], as an
     # accelerometer measures it: at rest 9.81 upwards
-    depth: Name | None = None
+    depth: str | None = None
     acceleration: Three | None = None
     angular_unit: Literal["rad/s", "deg/s"] = "rad/s"
     order: Literal["xyzw", "wxyz"] = "xyzw"  # order of the quaternion's columns
-    inverse: Flag = False  # whether the orientation is that of the world in the body's axes
+    inverse: StrictBool = False  # whether the orientation is that of the world in the body's axes
     # axes of world and body: north-east-down with forward-right-down, or ours, east-north-up with
     # forward-left-up
     frame: Literal["ENU/FLU", "NED/FRD"] = "ENU/FLU"
@@ -456,11 +452,11 @@ class Imu:
     # vertical turns as the gyroscope says
     order: Literal["xyzw", "wxyz", "rpy", "rpy deg", "gravity"] | None = None
     # whether the quaternion is from the world's axes to the IMU's; None to find it likewise
-    inverse: Flag | None = None
+    inverse: StrictBool | None = None
     gyro_unit: Literal["rad/s", "deg/s"] | None = None  # None to find it likewise
     accelerometer_unit: Literal["m/s²", "g"] | None = None  # None to find it by gravity
     # site, link or frame of the model file at the IMU; None for one called imu, or the base's own
-    site: Name | None = None
+    site: str | None = None
     place: tuple[Number, Number, Number] | None = None  # place in the base's frame instead [m]
     # roll, pitch and yaw of its axes in the base's frame [deg]
     turn: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
@@ -475,19 +471,20 @@ class Imu:
 class ContactMap:
     """Where a walking robot touches the ground."""
 
-    feet: tuple[Name, ...] = ()  # geoms, sites, links or frames; () to find them in the model file
+    feet: tuple[str, ...] = ()  # geoms, sites, links or frames; () to find them in the model file
     radius: NonNegative | None = None  # of round feet [m]; None for that of the file, or 0
-    flat: Flag | None = None  # whether a foot also exerts torques; None to see it from its shape
+    # whether a foot also exerts torques; None to see it from its shape
+    flat: StrictBool | None = None
     # columns of sensors of force or contact in the feet, in their order and any unit; () to find
     # them by their names
-    force: tuple[Name, ...] = ()
+    force: tuple[str, ...] = ()
 
 
 @config
 class Battery:
     """The supply of a vehicle's motors, with whose voltage the speed at a command goes down."""
 
-    voltage: Name  # column of its voltage
+    voltage: str  # column of its voltage
     nominal: Positive  # voltage for which the commands count, in the same unit
 
 
@@ -498,10 +495,10 @@ Span = Annotated[tuple[Number, ...], Field(min_length=2, max_length=2)]
 class Phases:
     """Which parts of a log take part in the fit."""
 
-    armed: Name | None = None  # column that is 0 while the motors are off
-    landed: Name | None = None  # column that is not 0 while the vehicle stands on the ground
+    armed: str | None = None  # column that is 0 while the motors are off
+    landed: str | None = None  # column that is not 0 while the vehicle stands on the ground
     leave_out: tuple[Span, ...] = ()  # start and end [s] of further parts
-    detect: Flag = True  # whether parts are also found from the signals
+    detect: StrictBool = True  # whether parts are also found from the signals
 
 
 @config
@@ -522,8 +519,9 @@ class Map:
     actuators: dict[str, ColumnMap] = field(default_factory=dict)
     # of a vehicle; None if its voltage is constant, or if the commands are measured speeds
     battery: Battery | None = None
-    hold: Flag = False  # whether a command holds from row to row (True) or is interpolated (False)
-    drop_rest: Flag = True  # whether rows at rest are left out of the fit
+    # whether a command holds from row to row (True) or is interpolated (False)
+    hold: StrictBool = False
+    drop_rest: StrictBool = True  # whether rows at rest are left out of the fit
     phases: Phases = field(default_factory=Phases)  # parts of the log that are left out
     # profile of all joints' targets; None for that of the model file
     profile: Profile | None = None
@@ -546,7 +544,7 @@ def read_map(path: str | os.PathLike[str]) -> Map:
     file = path_of(path)
     remedy = "`nsaid inspect LOG --model M` writes a map that fits the log."
     try:
-        content = tomllib.loads(read_input(file).decode())
+        content = tomllib.loads(InputFile(file).read().decode())
     except OSError as error:
         raise InvalidInput(str(file), "a map of columns", error.strerror, remedy) from error
     except (ValueError, RecursionError) as error:  # ValueError: not TOML, not UTF-8, 5000 digits
@@ -569,7 +567,7 @@ def map_of(content: dict[str, Any], source: str = "map") -> Map:
         if first["type"] == "unexpected_keyword_argument":
             text = "no such field"
         remedy = "docs/map.md lists all fields of map.toml."
-        raise InvalidInput(f"{source}: {where}", text, shown(first["input"]), remedy) from error
+        raise InvalidInput(f"{source}: {where}", text, first["input"], remedy) from error
 
 
 def matrix(name: str, rows: tuple[tuple[float, ...], ...] | None, n: int) -> np.ndarray:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import orjson
 
-from ...base import InvalidInput, check_choice, json_of, shown
+from ...base import CHOICES, InvalidInput, json_of
 from ...core import Array, Log, Measurement, SecondOrderSystem, Status
 from ...lab import LONGEST_STEP, Source, SourceSegment
 
@@ -55,7 +55,7 @@ class Cleaner:
     """
 
     def __init__(self, system: SecondOrderSystem, rate: float, frame: str = "ENU/FLU"):
-        check_choice("frame", frame)
+        CHOICES.check("frame", frame)
         if frame != "ENU/FLU" and not system.group:
             remedy = "A robot on a fixed base has no axes of its own: leave it out."
             raise InvalidInput("frame", "ENU/FLU", frame, remedy)
@@ -132,7 +132,7 @@ def sample_of(
         except (TypeError, ValueError, OverflowError):  # the last: a whole number of 400 digits
             part = None
         if part is None or part.shape != shape:
-            got = f"shape {part.shape}" if part is not None else shown(given)
+            got = f"shape {part.shape}" if part is not None else given
             expected = "a number [s]" if width is None else f"{width} numbers"
             raise InvalidInput(name, expected, got, "See docs/live.md for their order and units.")
         parts.append(part)

@@ -27,7 +27,7 @@ from lxml.etree import _Element as Node
 from mujoco import rollout as batch
 from numpy.typing import ArrayLike
 
-from ...base import Finding, write_text
+from ...base import Finding, OutputFile
 from ...core import Array
 from ...lab import JointMap, followed_targets, toolbox
 from ...robots import MjcfFile, MjcfText, quiet
@@ -351,7 +351,7 @@ def write_by_toolbox(given: ServoLogs, path: Path, best: bool) -> float:
     """
     search = _ReplaySearch(given, best)
     search.model(search.fitted())
-    write_text(path, search.spec.to_xml())
+    OutputFile(path).write_text(search.spec.to_xml())
     return search.late
 
 

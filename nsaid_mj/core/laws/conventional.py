@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...base import InvalidInput, Name, Positive, UnknownName, config
+from ...base import InvalidInput, Positive, UnknownName, config
 from ..log import EXACT, SensorLevels
 from ..parameters import Array, ParameterSpace
 from .config import ExpectedGramian, IdentifierConfig
@@ -33,7 +33,7 @@ class ConventionalAID(IdentifierConfig):
 
     K: Positive = 20.0
     gain: Positive = 1.0
-    known: tuple[Name, ...] = ("actuators",)
+    known: tuple[str, ...] = ("actuators",)
 
     @property
     def name(self) -> str:

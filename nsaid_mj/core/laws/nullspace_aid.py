@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...base import InvalidInput, beside
+from ...base import InvalidInput
 from ..log import Log, Measurement
 from ..numerics.lanes import COMPILED, WIDTH
+from ..numerics.threads import beside
 from ..parameters import Array
 from ..structure.motion import Motion
 from ..structure.system import SecondOrderSystem, checked
@@ -174,16 +175,27 @@ class NullspaceIdentifier(Identifier):
         return end_of(state, log, estimates, self._follow(log, estimates, motion))
 
     @staticmethod
-    def along_together(
-        laws: Sequence[NullspaceIdentifier], states: Sequence[State], log: Log, motion: Motion
-    ) -> Iterator[tuple[State, Estimates]]:
-        """What `along` returns for each of several identifiers of one system, with the same bits.
+    def shared_motion(law: Identifier, log: Log) -> Motion | None:
+        """The motion that identifiers of this kind share on a log; None if each runs alone."""
+        if isinstance(law, NullspaceIdentifier) and law.memory is None:
+            return law.motion(log)
+        return None
 
-        Where their metric allows it, `WIDTH` of them take their steps at once, each in a SIMD lane.
+    @staticmethod
+    def followed_together(
+        laws: Sequence[Any], states: Sequence[State], log: Log, motion: Motion | None
+    ) -> Iterator[tuple[State, Estimates]]:
+        """What `follow` returns for each of several identifiers of one kind, with the same bits.
+
+        `motion` is their `shared_motion` of the log. Where their metric allows it, `WIDTH` of them
+        take their steps at once, each in a SIMD lane.
 
         Raises:
             InvalidInput: the log's widths are not the system's.
         """
+        if motion is None:
+            yield from (law.follow(state, log) for law, state in zip(laws, states, strict=True))
+            return
         for at in range(0, len(laws), WIDTH):
             some = list(zip(laws[at : at + WIDTH], states[at : at + WIDTH], strict=True))
             if _fit_in_lanes(some, motion):

@@ -19,11 +19,6 @@ from ..parameters import Array, Block, Indices, ParameterSpace, phrase
 from ..structure.system import SecondOrderSystem
 from .ground import ground_stack
 
-TOLERANCE = 1e-8
-"""Singular values below this share of the largest count as 0. For the robots of example-robot-data
-the smallest nonzero one is 3e-7, and the largest that counts as 0 is 6e-11 (axes meant to be
-parallel but rotated by a rounded π/2 in the URDF). `Nullspace.gap` gives both for any system."""
-
 _SMALL = 1e-6  # weights below this share of the leading one are omitted
 _STATES = 20  # random ones that show which parameters act on which velocities
 _SAME = 1e-7  # 1 − |cosine| below which rows of P̄ count as parallel
@@ -32,6 +27,12 @@ _SAME = 1e-7  # 1 − |cosine| below which rows of P̄ count as parallel
 @dataclass(frozen=True)
 class Nullspace:
     """A split of θ/scale space into P_s(θ) and its orthogonal complement (32–36)."""
+
+    TOLERANCE = 1e-8
+    """Singular values below this share of the largest count as 0. For the robots of
+    example-robot-data the smallest nonzero one is 3e-7, and the largest that counts as 0 is 6e-11
+    (axes meant to be parallel but rotated by a rounded π/2 in the URDF). `gap` gives both for any
+    system."""
 
     P: Array  # (p, r) orthonormal basis of P_s(θ), P̄ (33)
     P_perp: Array  # (p, p−r) orthonormal basis of P_⊥(θ), P̄_⊥ (35)
@@ -70,7 +71,24 @@ class Nullspace:
 
         M(x, θ) must be positive definite at θ (p,).
         """
-        return cls.of(regressor_stack(system, theta, rng))
+        return cls.of(cls.stack(system, theta, rng))
+
+    @staticmethod
+    def stack(system: SecondOrderSystem, theta: Array, rng: np.random.Generator) -> Array:
+        """(N, p) rows of W(t, x, v, θ)·diag(scale) at random states, N about ten times p.
+
+        Of a robot with contacts they are those of E W, without the forces of any contact.
+        """
+        count = max(20, 10 * system.p // system.n)
+        if contacts := len(system.structure.contacts):
+            return ground_stack(system, theta, rng, np.ones((3 * count, contacts), dtype=bool))
+        states = [system.random_state(rng) for _ in range(count)]
+        q, v, u = (np.array(part) for part in zip(*states, strict=True))
+        x = np.hstack([q, v])
+        t = rng.uniform(0, 1, count)
+        a = system.acceleration(t, x, v, u, theta)
+        W = system.regressor(t, x, v, a, u) * system.space.scale
+        return W.reshape(-1, system.p)
 
     @property
     def r(self) -> int:
@@ -122,23 +140,6 @@ class Nullspace:
         return found
 
 
-def regressor_stack(system: SecondOrderSystem, theta: Array, rng: np.random.Generator) -> Array:
-    """(N, p) rows of W(t, x, v, θ)·diag(scale) at random states, N about ten times p.
-
-    Of a robot with contacts they are those of E W, without the forces of any contact.
-    """
-    count = max(20, 10 * system.p // system.n)
-    if contacts := len(system.structure.contacts):
-        return ground_stack(system, theta, rng, np.ones((3 * count, contacts), dtype=bool))
-    states = [system.random_state(rng) for _ in range(count)]
-    q, v, u = (np.array(part) for part in zip(*states, strict=True))
-    x = np.hstack([q, v])
-    t = rng.uniform(0, 1, count)
-    a = system.acceleration(t, x, v, u, theta)
-    W = system.regressor(t, x, v, a, u) * system.space.scale
-    return W.reshape(-1, system.p)
-
-
 def parts_of(system: SecondOrderSystem) -> Array:
     """(s, p) 0 or 1: the parameters of each part of a robot whose scale no motion reveals.
 
@@ -152,7 +153,7 @@ def parts_of(system: SecondOrderSystem) -> Array:
     t = rng.uniform(0, 1, _STATES)
     W = system.regressor(t, np.hstack([q, v]), np.array(v), a, np.array(u)) * system.space.scale
     acts = np.abs(W).max(axis=0)
-    acts = acts > TOLERANCE * acts.max(axis=1, keepdims=True)
+    acts = acts > Nullspace.TOLERANCE * acts.max(axis=1, keepdims=True)
     joined = acts @ acts.T
     for _ in range(system.n):
         joined = joined @ joined

@@ -3,9 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import f8, i8, types, void
+from numba import types
 
-from ..numerics.kernels import helper, kernel, vector
+from ..numerics.kernels import f8, helper, i8, kernel, matrix, vector, void
 from ..parameters import Array
 from .arrays import AT_Q, CIRCLE, KIND, Slopes, StructureArrays, Workspace, memory_of
 from .compiled import SLOPES, STRUCTURE, WORKSPACE
@@ -15,7 +15,7 @@ from .kinematics import place
 
 
 class InverseDynamics(NamedTuple):
-    """An arm's structure and the workspace of `write_required_force`, which calls overwrite."""
+    """An arm's structure and the workspace of `write_tracking_force`, which calls overwrite."""
 
     structure: StructureArrays
     still: Array  # (n,) commands of zero
@@ -33,7 +33,7 @@ INVERSE_DYNAMICS = types.NamedTuple((STRUCTURE, vector, WORKSPACE, SLOPES), Inve
 
 
 @helper(f8(STRUCTURE, i8, vector, f8))
-def position_error(structure, i, q, desired):
+def _position_error(structure, i, q, desired):
     """Angle or travel from joint i's position in q (m,) to a desired one, along the shorter arc."""
     at = structure.bodies[i, AT_Q]
     if structure.bodies[i, KIND] != CIRCLE:
@@ -43,10 +43,27 @@ def position_error(structure, i, q, desired):
     return np.arctan2(s * q[at] - c * q[at + 1], c * q[at] + s * q[at + 1])
 
 
-@kernel(void(INVERSE_DYNAMICS, vector, vector, vector, vector, vector), inner=True)
-def write_required_force(model, q, v, a, theta, force):
-    """Writes M a + C v − F(u = 0) (n,) at θ (p,), position q (m,), v and acceleration a (n,)."""
+@kernel(
+    void(INVERSE_DYNAMICS, i8[::1], matrix, f8, vector, vector, vector, vector, vector), inner=True
+)
+def write_tracking_force(model, driven, desired, omega, q, v, theta, a, force):
+    """Writes M a + C v − F(u = 0) (n,) with a = a_d + 2ω ė + ω² e, at θ (p,).
+
+    Args:
+        model: the arm.
+        driven: (d,) numbers of the joints that track; of the others, a is kept.
+        desired: (n, 3) position, velocity and acceleration.
+        omega: bandwidth of the tracking loop [rad/s].
+        q: (m,) position.
+        v: (n,) velocity.
+        theta: (p,) parameters.
+        a: (n,) overwritten with the acceleration.
+        force: (n,) written.
+    """
     structure = model.structure
+    for i in driven:
+        error = _position_error(structure, i, q, desired[i, 0])
+        a[i] = desired[i, 2] + 2 * omega * (desired[i, 1] - v[i]) + omega**2 * error
     slopes = model.slopes
     place(structure, q, v, slopes.state)
     write_forces(structure, slopes.state, q, v, model.still, ALL, model.work.scratch, slopes.F)

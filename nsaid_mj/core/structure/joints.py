@@ -17,19 +17,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from ...base import pin
+from ...base import EnginesDisagree, pin
 from ..parameters import Array, Block, ParameterSpace
 from .blocks import Term, mounts_of, placed
 from .columns import KINDS
+from .inverse_dynamics import InverseDynamics
 from .parts import Actuator, Body, Inertia, Operation, Rotor
+from .pinocchio_links import PinocchioLinks
 from .structure import Structure
 from .system import SecondOrderSystem
 
-"""A joint's command: a motor's torque over its gain, or a servo's target."""
+AGREEMENT = 1e-10
+"""Largest accepted difference from Pinocchio, relative to the largest entry."""
+_SAMPLES = 20  # random states at which both are compared
 _UNLIMITED = np.pi  # range of probes of joints without limits, ± [rad or m]
 _PLACE = 1.0  # range of probes of a base, ± [m], ± [rad] per axis: 1.8 √3 < π
 _TURN = 1.8
@@ -68,23 +72,12 @@ class JointScales:
     saturation: Array | None = None
 
 
-class Carrier(NamedTuple):
-    """The vehicle's part of a robot whose joints it carries."""
-
-    # fluid forces and thrust, which come last; commands count from the first thruster's
-    terms: list[Term]
-    operation: Operation  # ranges of the base's velocities, and of the thrusters' commands
-    # inertias of all bodies, and their blocks, which come first in θ; empty for rigid bodies
-    inertias: Sequence[Inertia] = ()
-    bodies: Sequence[Block] = ()
-
-
 class JointTree(SecondOrderSystem):
     """M(q, θ) v̇ + C(x, θ) v = −g(q, θ) − f(v, θ) + diag(k) u (5): motors on a tree's 1-DOF joints.
 
     With position servos, whose commands are targets, the last term is diag(k) (u − q). Friction is
     `viscous·v + coulomb·tanh(v/friction_speed)`. The root may be a free flyer, that of a vehicle
-    with thrusters too (4–6); the joints' commands come first. Subclasses supply the regressors.
+    with thrusters too (4–6); the joints' commands come first.
 
     C is Pinocchio's: with R_g and R_0 the joint torque regressors with and without gravity,
     C(q, v) w = R_0(q, (v+w)/2, ½[v, w]) π − R_0(q, (v−w)/2, 0) π, whose Ṁ − 2C is skew. [v, w] is
@@ -94,7 +87,11 @@ class JointTree(SecondOrderSystem):
         model: kinematics and gravity; its inertias are discarded.
         scales: data-sheet guesses, which become the scale of θ.
         friction_speed: (k,) joint speed at which Coulomb friction saturates [rad/s or m/s].
-        carrier: the vehicle at the root; None if all actuators are on joints.
+        terms: of a vehicle at the root, fluid forces and thrust, which come last in θ; commands
+            count from the first thruster's. None if all actuators are on joints.
+        operation: ranges of the root's velocities, and of the thrusters' commands.
+        inertias: of all bodies, if they are not rigid ones alone.
+        bodies: their blocks, which come first in θ.
 
     Attributes:
         model: Pinocchio's model without any inertia.
@@ -116,50 +113,75 @@ class JointTree(SecondOrderSystem):
         model: pin.Model,
         scales: JointScales,
         friction_speed: Array,
-        carrier: Carrier | None = None,
+        terms: Sequence[Term] | None = None,
+        operation: Operation | None = None,
+        inertias: Sequence[Inertia] = (),
+        bodies: Sequence[Block] = (),
     ):
-        model, bodies = without_inertia(model), bodies_of(model)
-        still = Operation.within(_BASE_SPEED * np.ones(6 if floats(model) else 0), np.zeros(0))
-        own = carrier or Carrier([], still)
-        if not own.bodies:
-            rigid = [Inertia(b, 10 * b) for b in range(len(bodies))]
-            links = _link_blocks(model, scales.mass, scales.length)
-            own = own._replace(inertias=rigid, bodies=links)
+        model = without_inertia(model)
+        tree = bodies_of(model)
+        if operation is None:
+            still = _BASE_SPEED * np.ones(6 if floats(model) else 0)
+            operation = Operation.within(still, np.zeros(0))
+        if not bodies:
+            inertias = [Inertia(b, 10 * b) for b in range(len(tree))]
+            bodies = _link_blocks(model, scales.mass, scales.length)
+        forces = terms or []
         speed = np.array(friction_speed, dtype=np.float64)
         joints = joint_terms(model, scales, speed)
-        blocks = [term.block for term in (*joints, *own.terms)]
-        space = ParameterSpace((*own.bodies, *blocks))
+        blocks = [term.block for term in (*joints, *forces)]
+        space = ParameterSpace((*bodies, *blocks))
         self.driven = np.array(range(len(speed)) if scales.driven is None else scales.driven, int)
         columns = placed(space, joints)
         # those of one body follow one another: kernels compute its surroundings once
-        carried = placed(space, own.terms, len(self.driven))
+        carried = placed(space, forces, len(self.driven))
         columns += sorted(carried, key=lambda column: (column.input >= 0, column.body))
         first = model.nv - len(speed)
-        start = sum(map(len, own.bodies))
+        start = sum(map(len, bodies))
         turning = range(0 if scales.rotor is None else len(speed))
         rotors = [Rotor(first + i, start + i) for i in turning]
-        low, high = own.operation.command
+        low, high = operation.command
         self.command_limits = np.r_[-scales.command, low], np.r_[scales.command, high]
         structure = Structure(
-            bodies,
-            own.inertias,
+            tree,
+            inertias,
             columns,
             len(space),
             len(self.command_limits[0]),
             rotors,
             model.gravity.linear.copy(),
         )
-        mounts = None if carrier is None else mounts_of(space, columns)
+        mounts = None if terms is None else mounts_of(space, columns)
         super().__init__(structure, space, mounts)
-        self.model, self.joints = model, moving_joints(model)
+        self.model = model
+        self.joints = moving_joints(model)
         self.joint_names = joint_names(model)
         self.own_names = self.joint_names
         self.body_names = body_names(model)
         self.slides = [_slides(joint) for joint in self.joints]
-        self.bodies = len(bodies)
+        self.bodies = len(tree)
         self.scales = scales
         self.friction_speed = speed
-        self._speed = np.concatenate([own.operation.velocity[1], scales.speed])
+        self._speed = np.concatenate([operation.velocity[1], scales.speed])
+
+    @classmethod
+    def checked(cls, model: pin.Model, scales: JointScales, friction_speed: Array) -> JointTree:
+        """A tree after its comparison with Pinocchio, see `check_consistency`."""
+        tree = JointTree(model, scales, friction_speed)
+        tree.check_consistency()
+        return tree
+
+    @classmethod
+    def by_pinocchio(
+        cls, model: pin.Model, scales: JointScales, friction_speed: Array
+    ) -> JointTree:
+        """A tree whose links have Pinocchio's regressors: the reference, which is slower.
+
+        Rotors and the forces on joints are the structure's.
+        """
+        tree = JointTree(model, scales, friction_speed)
+        tree.reference = PinocchioLinks(tree)
+        return tree
 
     @classmethod
     def links(
@@ -178,6 +200,10 @@ class JointTree(SecondOrderSystem):
         tree = JointTree(model, scales, per_joint)
         space = ParameterSpace(tree.space.blocks[:bodies])
         return tree.rebuilt(replace(tree.structure, columns=(), rotors=(), p=len(space)), space)
+
+    def inverse_dynamics(self) -> InverseDynamics:
+        """The inverse dynamics of an arm on a fixed base, for compiled controllers."""
+        return InverseDynamics.of(self.structure.arrays, self.n)
 
     def link_blocks(
         self, mass: Sequence[float] | Array, length: Sequence[float] | Array
@@ -239,6 +265,56 @@ class JointTree(SecondOrderSystem):
         low, high = self.command_limits
         u = 0.5 * (low + high) + 0.5 * (high - low) * rng.uniform(-1, 1, self.n_u)
         return q, v, u if self.scales.actuator == "motor" else self.angles(q)[self.driven] + u
+
+    def check_consistency(self) -> None:
+        """Compares its regressors with Pinocchio's at random states.
+
+        This includes the torque regressor of the links and, under random physical inertias, the
+        mass matrix and the bias forces.
+
+        Raises:
+            EnginesDisagree: they differ by more than `AGREEMENT` of the largest entry.
+        """
+        rng = np.random.default_rng(0)
+        model = pin.Model(self.model)
+        links = 10 * self.bodies
+        theta = np.zeros(self.p)
+        for i in range(1, model.njoints):
+            model.inertias[i] = pin.Inertia.Zero()
+            model.inertias[i].mass = rng.uniform(0.5, 2.0)
+            model.inertias[i].lever = rng.uniform(-0.3, 0.3, 3)
+            moments = rng.uniform(0.05, 0.1, 3)
+            model.inertias[i].inertia = np.diag(moments)
+            theta[10 * (i - 1) : 10 * i] = model.inertias[i].toDynamicParameters()
+        data = model.createData()
+        still = np.zeros(self.n)
+        for _ in range(_SAMPLES):
+            q, v, _ = self.random_state(rng)
+            a = rng.uniform(-1, 1, self.n)
+            u = np.zeros(self.n_u)
+            regressor = pin.computeJointTorqueRegressor(model, data, q, v, a)
+            mass = pin.crba(model, data, q)
+            bias = pin.nonLinearEffects(model, data, q, v)
+            ours = self._W(0.0, q, v, v, a, u)[:, :links]
+            ours_bias = self._W(0.0, q, v, v, still, u)[:, :links]
+            for quantity, own, theirs in (
+                ("torque regressor", ours, regressor.reshape(self.n, links)),
+                ("mass matrix", self._mass_tensor(q) @ theta, np.triu(mass) + np.triu(mass, 1).T),
+                ("bias force", ours_bias @ theta[:links], bias),
+            ):
+                apart = float(np.max(np.abs(own - theirs)) / max(np.max(np.abs(theirs)), 1e-300))
+                if not apart <= AGREEMENT:
+                    worst = int(np.argmax(np.max(np.abs(own - theirs).reshape(self.n, -1), axis=1)))
+                    joint = max(j.id for j in list(model.joints)[1:] if j.idx_v <= worst)
+                    raise EnginesDisagree(
+                        model.name,
+                        f"joint {model.names[joint]}",
+                        quantity,
+                        apart,
+                        AGREEMENT,
+                        ("The compiled structure", "Pinocchio"),
+                        "Use --backend pinocchio.",
+                    )
 
 
 def without_inertia(model: pin.Model) -> pin.Model:

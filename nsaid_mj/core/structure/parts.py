@@ -139,6 +139,16 @@ class Column:
             if name != "self":
                 object.__setattr__(self, name, value)
 
+    @staticmethod
+    def polynomial(*coefficients: float) -> Array:
+        """The constant `curve` by its coefficients of the command: u, u|u|, u³, u³|u| and so on."""
+        return np.array([len(coefficients), *coefficients])
+
+    @staticmethod
+    def interpolated(commands: Array, values: Array) -> Array:
+        """The constant `curve` through `values` at increasing commands; flat beyond the ends."""
+        return np.array([-len(commands), *commands, *values])
+
     def shifted(self, parameter: int, command: int = 0) -> Column:
         """This term with larger indices of its parameter and of its command, if any."""
         constants = dict[str, Any](self.constants)

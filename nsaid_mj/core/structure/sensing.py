@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..parameters import AXES, Array
+from ..parameters import Array, Block
 from .configuration_space import StructuredKinematics
 
 # components of a body's twist and pose, by its dimension
-_TWIST = {6: AXES, 3: ("surge", "sway", "yaw")}
-_POSE = {6: ("x", "y", "z", *AXES[3:]), 3: ("x", "y", "yaw")}
+_TWIST = {6: Block.AXES, 3: ("surge", "sway", "yaw")}
+_POSE = {6: ("x", "y", "z", *Block.AXES[3:]), 3: ("x", "y", "yaw")}
 _FORCES = {"m/s": "N", "rad/s": "N·m"}  # units of generalised forces, by unit of the velocity
 
 

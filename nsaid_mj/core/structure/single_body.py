@@ -13,9 +13,6 @@ from .parts import Body, Inertia, Operation
 from .structure import Structure
 from .system import SecondOrderSystem
 
-LEVEL = (0, 1, 5)
-"""The axes of a body in the plane, among the six of one in space."""
-
 
 class SingleBody(SecondOrderSystem):
     """M ν̇ + C(ν) ν = F θ (4) of one body in space, in the plane, or along the vertical.
@@ -31,7 +28,10 @@ class SingleBody(SecondOrderSystem):
 
     Attributes:
         operation: as given.
+        LEVEL: the axes of a body in the plane, among the six of one in space.
     """
+
+    LEVEL = (0, 1, 5)
 
     def __init__(
         self,

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ...base import InvalidInput, UnknownName
 from . import arrays as layout
 from .arrays import Array, Slopes, StructureArrays, Workspace
-from .columns import KINDS, joint
+from .columns import KINDS, fluid, joint, thrust
 from .columns.kind import CURVE, LISTED, Kind
 from .forces import BODY_KINDS
 from .parts import KINDS_OF_JOINT, Body, Column, ContactPoint, Inertia, Rotor
@@ -75,6 +75,12 @@ class Structure:
             self._check_column(f"columns[{number}]", column)
         for number, contact in enumerate(self.contacts):
             _within(f"contacts[{number}].body", contact.body, len(self.bodies))
+
+    @cached_property
+    def drag_and_lift(self) -> list[int]:
+        """The parameters of forces that a flow exerts on the moving bodies, one for each column."""
+        flowing = {k.name for k in (*fluid.KINDS, *thrust.KINDS) if k.reads == "velocity"}
+        return [column.parameter for column in self.columns if column.kind in flowing]
 
     # -- sizes -------------------------------------------------------------------------------------
 
@@ -319,7 +325,7 @@ def packed(kind: Kind, column: Column) -> list[float]:
             raise InvalidInput(f"{kind.name}.{name}", f"{size} numbers", f"{len(value)}", "")
         if size == CURVE and len(value) != 1 + (value[0] if value[0] > 0 else -2 * value[0]):
             raise InvalidInput(
-                f"{kind.name}.{name}", "a curve", value.tolist(), "See `columns.curve.polynomial`."
+                f"{kind.name}.{name}", "a curve", value.tolist(), "See `Column.polynomial`."
             )
         if not (np.isfinite(value) | (default is not None and default == np.inf)).all():
             raise InvalidInput(f"{kind.name}.{name}", "finite numbers", value.tolist(), "")

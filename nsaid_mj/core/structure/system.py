@@ -30,6 +30,7 @@ from .contacts import contact_jacobians, eliminated_balance, without_contact_for
 from .information import acceleration_rows, information_along, torques_along
 from .motion import Motion, accelerate_at, along, balance, write_motion
 from .parts import ContactPoint
+from .payload import PointMasses
 from .regressor import write_regressors
 from .sensing import SensedKinematics
 from .structure import Structure
@@ -58,7 +59,7 @@ class SecondOrderSystem(SensedKinematics, ABC):
         n: number of velocities.
         m: number of positions.
         n_u: number of commands.
-        reference: the source of the links' regressors, a `multibody.PinocchioLinks`; None where all
+        reference: the source of the links' regressors, a `PinocchioLinks`; None where all
             are the structure's.
     """
 
@@ -73,6 +74,11 @@ class SecondOrderSystem(SensedKinematics, ABC):
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """Draws a state and command (q, v, u) from the range of operation, to probe structure."""
 
+    @cached_property
+    def point_masses(self) -> PointMasses:
+        """What point masses that are fixed to a body change in θ."""
+        return PointMasses(self.space)
+
     @property
     def forward(self) -> StructureArrays | None:
         """The structure, for compiled simulation; None where the regressors are not its own."""
@@ -86,6 +92,7 @@ class SecondOrderSystem(SensedKinematics, ABC):
         made = copy(self)
         vars(made).pop("p", None)  # they are cached, and another structure has others
         vars(made).pop("gains_by_command", None)
+        vars(made).pop("point_masses", None)
         SecondOrderSystem.__init__(made, structure, space or self.space, self.mounts)
         return made
 

@@ -11,8 +11,7 @@ from ...core import (
     Indices,
     InverseDynamics,
     kernel,
-    position_error,
-    write_required_force,
+    write_tracking_force,
 )
 from .signals import SERIES, Series, fourier
 
@@ -58,9 +57,6 @@ def computed_torque(tracking, t, q, v, workspace, u):
     desired, a, force = workspace
     gain = theta.shape[0] - driven.shape[0]
     fourier(series, t, desired)
-    for i in driven:
-        error = position_error(arm.structure, i, q, desired[i, 0])
-        a[i] = desired[i, 2] + 2 * omega * (desired[i, 1] - v[i]) + omega**2 * error
-    write_required_force(arm, q, v, a, theta, force)
+    write_tracking_force(arm, driven, desired, omega, q, v, theta, a, force)
     for k in range(driven.shape[0]):
         u[k] = min(max(force[driven[k]] / theta[gain + k], -limit[k]), limit[k])

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import Field
 
-from ...base import Positive, Tones, config
+from ...base import Positive, config
 from ...core import Array
+from ..fields import Tones
 from .driver import Driver, DriverConfig, Feedback
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import f8, types, u4, void
 
-from ...core import GRAVITY, Array, SingleBody, dot3, kernel, plain, routine, write_rotation
+from ...core import GRAVITY, Array, SingleBody, kernel, routine, write_rotation
 from .driver import Driver
 from .signals import Multisine
 
@@ -79,7 +79,8 @@ class Flight(Driver):
         squares = np.empty(4)
         step = t - self._t
         own = (self._sums, self._control)
-        _mix(plain(q), plain(v), self._path(t), step, *own, np.empty(9), np.empty(30), squares)
+        state = (np.require(x, np.float64, "CW") for x in (q, v))
+        _mix(*state, self._path(t), step, *own, np.empty(9), np.empty(30), squares)
         self._t = t
         return np.clip(np.sqrt(squares) * (1 + self._dither(t)), _SLOWEST, 1.0)
 
@@ -138,6 +139,12 @@ CONTROL = types.NamedTuple(
 )
 
 
+@routine(f8(f8[::1], u4, f8[::1], u4))
+def _dot(a, i, b, j):
+    """a · b of 3-vectors that begin at a[i] and b[j]."""
+    return a[i] * b[j] + a[i + 1] * b[j + 1] + a[i + 2] * b[j + 2]
+
+
 @routine(void(f8[::1], u4, f8[::1], u4, f8[::1], u4))
 def _cross(a, i, b, j, c, k):
     """Writes a × b, 3-vectors that begin at a[i] and b[j], into c[k :]."""
@@ -163,13 +170,13 @@ def _aim(q, v, path, dt, sums, own, R, x):
     x[11] = min(max(x[11] + GRAVITY, _FALL), _RISE)
     flat = min(1.0, own.slope * x[11] / max(np.sqrt(x[9] ** 2 + x[10] ** 2), 1e-9))
     x[9], x[10] = flat * x[9], flat * x[10]
-    size = np.sqrt(dot3(x, 9, x, 9))
+    size = np.sqrt(_dot(x, 9, x, 9))
     x[0], x[1], x[2] = np.cos(path[0, 3]), np.sin(path[0, 3]), 0.0
     for i in range(3):
         x[15 + i] = x[9 + i] / size
         x[3 + i] = path[3, i] / size
     _cross(x, 15, x, 0, x, 12)
-    length = np.sqrt(dot3(x, 12, x, 12))
+    length = np.sqrt(_dot(x, 12, x, 12))
     for i in range(3):
         x[12 + i] /= length
     _cross(x, 15, x, 3, x, 18)
@@ -193,9 +200,9 @@ def _mix(q, v, path, dt, sums, own, R, x, squares):
     x[20] += path[1, 3]  # the desired angular velocity, in the world
 
     # attitude error in body axes: shortest rotation of the tilt, and the heading's
-    heading = np.arctan2(dot3(R, 3, x, 0) - dot3(R, 0, x, 12), dot3(R, 0, x, 0) + dot3(R, 3, x, 12))
-    x[3], x[4], x[5] = -dot3(R, 3, x, 15), dot3(R, 0, x, 15), heading
-    if dot3(R, 6, x, 15) < 0.0:  # tilt error above 90°
+    heading = np.arctan2(_dot(R, 3, x, 0) - _dot(R, 0, x, 12), _dot(R, 0, x, 0) + _dot(R, 3, x, 12))
+    x[3], x[4], x[5] = -_dot(R, 3, x, 15), _dot(R, 0, x, 15), heading
+    if _dot(R, 6, x, 15) < 0.0:  # tilt error above 90°
         length = max(np.sqrt(x[3] ** 2 + x[4] ** 2), 1e-9)
         x[3], x[4] = x[3] / length, x[4] / length
     for i in range(3):
@@ -203,7 +210,7 @@ def _mix(q, v, path, dt, sums, own, R, x, squares):
         holding = _TRIM * own.attitude[i] ** 3
         most = own.trim[i] / holding
         sums[3 + i] = min(max(sums[3 + i] + dt * x[3 + i], -most), most)
-        rate = dot3(R, 3 * i, x, 18) - v[3 + i]
+        rate = _dot(R, 3 * i, x, 18) - v[3 + i]
         x[21 + i] = w**2 * x[3 + i] + 2.0 * w * rate + holding * sums[3 + i]
     for i in range(3):
         x[24 + i] = 0.0
@@ -213,7 +220,7 @@ def _mix(q, v, path, dt, sums, own, R, x, squares):
             x[27 + i] += own.inertia[i, j] * x[21 + j]
     _cross(v, 3, x, 24, x, 0)
     weight = own.mass * GRAVITY
-    x[3] = min(max(own.mass * dot3(x, 9, R, 6), _LIFT[0] * weight), _LIFT[1] * weight)
+    x[3] = min(max(own.mass * _dot(x, 9, R, 6), _LIFT[0] * weight), _LIFT[1] * weight)
     x[4], x[5] = x[27] + x[0], x[28] + x[1]
     x[6] = min(max(x[29] + x[2], -own.yaw), own.yaw)
     largest = -np.inf

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
-from ...base import InvalidInput, Number, Positive, Tones, config
+from ...base import InvalidInput, Number, Positive, config
 from ...core import Array
+from ..fields import Tones
 from .driver import CompiledDriver, Driver, DriverConfig
 
 if TYPE_CHECKING:

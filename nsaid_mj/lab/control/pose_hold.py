@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from pydantic import StrictBool
 
-from ...base import Flag, NonNegative, Positive, Tones, config
+from ...base import NonNegative, Positive, config
 from ...core import Array
+from ..fields import Tones
 from .driver import Driver, DriverConfig, Feedback
 from .multisine import unit_wrenches
 
@@ -43,7 +45,7 @@ class PoseHold(DriverConfig):
     low: Positive = 0.05
     high: Positive = 0.5
     tones: Tones = 8
-    one_sided: Flag = True
+    one_sided: StrictBool = True
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver; raises `InvalidInput` unless a free body has one gain per command."""

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import AfterValidator, model_validator
 from pydantic_core import PydanticCustomError
 
-from ...base import Config, InvalidInput, Name, NonNegative, Positive, config
+from ...base import Config, InvalidInput, NonNegative, Positive, config
 from ...core import Array
 from .driver import Driver, DriverConfig, InformedDriver
 from .multisine import MultisineCommand
@@ -49,7 +49,7 @@ class Sequence(DriverConfig):
         blend: duration of the linear transition from one driver to the next [s].
     """
 
-    phases: Mapping[Annotated[Name, AfterValidator(_identifier)], Phase] = field(
+    phases: Mapping[Annotated[str, AfterValidator(_identifier)], Phase] = field(
         default_factory=lambda: {"only": Phase()}
     )
     blend: NonNegative = 1.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core import Array, Indices, InverseDynamics, JointTree, plain
+from ...core import Array, Indices, JointTree
 from .computed_torque import Tracking, computed_torque, tracking_workspace
 from .driver import CompiledDriver, Driver
 from .signals import Series, fourier
@@ -67,14 +67,16 @@ class ComputedTorque(SeriesFollower):
 
     def __init__(self, system: JointTree, prior: Array, series: Series, omega: float, limit: Array):
         super().__init__(series)
-        arm = InverseDynamics.of(system.structure.arrays, system.n)
-        self._tracking = Tracking(arm, system.driven, np.array(prior), series, omega, limit)
+        self._tracking = Tracking(
+            system.inverse_dynamics(), system.driven, np.array(prior), series, omega, limit
+        )
         self._workspace = tracking_workspace(self._tracking)
 
     def command(self, t: float, q: Array, v: Array) -> Array:
         """(d,) command u."""
         u = np.empty(len(self._tracking.driven))
-        computed_torque(self._tracking, t, plain(q), plain(v), self._workspace, u)
+        state = (np.require(x, np.float64, "CW") for x in (q, v))
+        computed_torque(self._tracking, t, *state, self._workspace, u)
         return u
 
     def compiled(self, t: Array) -> Tracking:

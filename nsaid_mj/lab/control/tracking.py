@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from ...base import InvalidInput, Number, Positive, PositiveShare, Tones, config
+from ...base import InvalidInput, Number, Positive, PositiveShare, config
 from ...core import Array
+from ..fields import Tones
 from .driver import Driver, DriverConfig, tree
 from .multisine import MultisineCommand
 

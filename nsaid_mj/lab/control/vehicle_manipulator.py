@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...base import Positive, PositiveShare, Tones, config
+from ...base import Positive, PositiveShare, config
 from ...core import Array
+from ..fields import Tones
 from .driver import Driver, DriverConfig, Feedback, tree
 from .multisine import pushes
 
@@ -167,7 +168,7 @@ class _HoverAndReach(Driver):
 
     def _desired(self, t: float, q: Array, v: Array) -> Array:
         """(n,) desired accelerations: feedforward plus PID feedback; updates the integrals."""
-        from ...core import cross, rotate, unrotate
+        from ...core import rotate, unrotate
 
         step = t - self._then
         self._then = t
@@ -186,7 +187,7 @@ class _HoverAndReach(Driver):
         desired = np.zeros(self._system.n)
         w = self._turn
         pull[2] -= self._g
-        desired[:3] = unrotate(q[3:7], pull) - cross(v[3:6], v[:3])
+        desired[:3] = unrotate(q[3:7], pull) - np.cross(v[3:6], v[:3])
         moving = np.r_[0.0, 0.0, rate[3], rate[4:]] - v[3:]
         desired[3:] = 2 * w * moving + w**2 * error[3:] + 0.3 * w**3 * integral[3:]
         desired[6:] += acceleration[4:]

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...base import NonNegative, Number, Positive, Share, config
+from ...base import NonNegative, Number, Positive, config
+from ..fields import Share
 from .driver import Driver, DriverConfig
 
 if TYPE_CHECKING:

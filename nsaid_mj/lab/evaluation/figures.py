@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core import Array, Indices, Log, Nullspace, SecondOrderSystem, regressor_stack
+from ...core import Array, Indices, Log, Nullspace, SecondOrderSystem
 from ..contacts import without_contacts
 from ..loop import Run
 from ..source import LONGEST_STEP
@@ -134,7 +134,7 @@ def plant_direction_error(system: SecondOrderSystem, theta_hat: Array, truth: Ar
     """
     plant = np.setdiff1d(np.arange(system.p), system.space.actuators)
     rng = np.random.default_rng(0)
-    W = regressor_stack(system, truth, rng)[:, plant]
+    W = Nullspace.stack(system, truth, rng)[:, plant]
     basis = Nullspace.of(W).P_perp
     estimated, true = ((theta / system.space.scale)[plant] @ basis for theta in (theta_hat, truth))
     cosine = estimated @ true / (np.linalg.norm(estimated) * np.linalg.norm(true))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from ...base import RECORDING
+from ...base import OutputFolder
 from ...core import ABSENT, rounded
 from ...report import (
     CORRELATIONS,
@@ -141,7 +141,7 @@ def brief(heading: str, result: RunResult) -> Page:
 
 def print_result(name: str, result: RunResult, folder: Path) -> None:
     """Prints the verdict on a run, gains and statistics, and the paths of its files."""
-    file = folder / RECORDING
+    file = folder / OutputFolder.RECORDING
     seen = f"{file}   (nsaid view {shlex.quote(str(folder))})"
     files = (
         f"recording  {seen if file.is_file() else _NO_RERUN}",

@@ -12,7 +12,7 @@ from dataclasses import fields, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from ...base import InvalidInput, shown
+from ...base import InvalidInput
 from ...core import FaultEvent, ParameterSpace
 from .run_result import RunResult, judged
 from .statistics import (
@@ -60,9 +60,7 @@ def result_from(
             of a wrong type.
     """
     if not isinstance(found, dict):
-        raise InvalidInput(
-            name, "an object with the keys of a run's summary", shown(found), _REMEDY
-        )
+        raise InvalidInput(name, "an object with the keys of a run's summary", found, _REMEDY)
     read = _Reader(found, name)
     recorded = "parameters" in found
     result = RunResult(
@@ -159,7 +157,7 @@ class _Reader:
 
         level = self._found["misfit"]
         if level not in Misfit.LEVELS:
-            raise self._error(("misfit",), f"one of {', '.join(Misfit.LEVELS)}", shown(level))
+            raise self._error(("misfit",), f"one of {', '.join(Misfit.LEVELS)}", level)
         return Misfit(
             level=level,
             contradictions=self.value("misfit_contradictions", tuple[float, ...]),
@@ -190,7 +188,7 @@ class _Reader:
             if first["type"] == "missing":
                 raise self._error(parts, "a value", "none") from error
             expected = first["msg"].removeprefix("Input should be ").replace("a valid ", "a ")
-            raise self._error(parts, expected, shown(first["input"])) from error
+            raise self._error(parts, expected, first["input"]) from error
 
     def _error(self, where: tuple[str, ...], expected: str, got: object) -> InvalidInput:
         return InvalidInput(f"{self._name}, {'.'.join(where)}", expected, got, _REMEDY)

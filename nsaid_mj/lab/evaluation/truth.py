@@ -12,7 +12,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...core import Array, Log, Nullspace, SecondOrderSystem, drawn_covariance
+from ...core import Array, Log, Nullspace, Prior, SecondOrderSystem
 from ..loop import Run, SimulatedRun
 from ..setup import Seeds, Setup
 
@@ -85,7 +85,7 @@ class Truth:
         scenario = self._setup.scenario
         space = self.system.space
         about = self._setup.prior if scenario.prior == "nominal" else self.theta
-        found = drawn_covariance(space, about, scenario.initial_error)
+        found = Prior(space, about, scenario.initial_error).covariance()
         if scenario.gain_error is not None:
             gains = space.actuators
             found[gains, gains] = (scenario.gain_error * about[gains] / space.scale[gains]) ** 2

@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ...base import BadRun, single_threaded, write_json
+from ...base import BadRun, OutputFile, single_threaded
 from ...core import ConventionalAID, NullspaceIdentifier, number, rounded
 from ...core import Status as Ended
 from ...report import Explains, Items, Mark, Page, PageItem, Result, Section, Table
@@ -82,7 +82,7 @@ class Verification(Result):
 
     def write(self) -> None:
         """Writes verify.json into the run's folder, atomically."""
-        write_json(self.file, self.document())
+        OutputFile(self.file).write_json(self.document())
 
     def items(self) -> list[PageItem]:
         """The statements with their verdicts, then those that do not apply, by reason."""

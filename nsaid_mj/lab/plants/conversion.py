@@ -7,16 +7,14 @@ the vehicle's columns, in SI units, x forward, y left, z up.
 import numpy as np
 
 from ...base import InvalidInput as InvalidInput
-from ...base import Share as Share
-from ...core import AXES as AXES
 from ...core import GRAVITY as GRAVITY
 from ...core import Array as Array
 from ...core import Block as Block
-from ...core import Column as Column
+from ...core import Column
 from ...core import Inertia as Inertia
 from ...core import Operation as Operation
 from ...core import Term as Term
-from ...core import polynomial
+from ..fields import Share as Share
 from .rotors import rotor_terms as rotor_terms
 from .single_track import operation as operation
 from .single_track import planar_mass as planar_mass
@@ -44,4 +42,4 @@ def odd(*coefficients: float) -> Array:
     """A curve by its coefficients of u, u³, u⁵ and so on."""
     spread = np.zeros(2 * len(coefficients) - 1)
     spread[::2] = coefficients
-    return polynomial(*spread)
+    return Column.polynomial(*spread)

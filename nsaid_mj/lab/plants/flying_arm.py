@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from ...base import pin
-from ...core import Carrier, CompiledMultibody, JointScales, Operation
+from ...core import JointScales, JointTree, Operation
 from .rotors import rotor_terms
 
 
 def flying_arm(
     model: pin.Model, joints: JointScales, friction_speed: float, d: Mapping[str, Any]
-) -> CompiledMultibody:
+) -> JointTree:
     """A base with rotors, with or without an arm.
 
     θ = [base (10), links (10 k), joints, rotor thrust gains, rotor torque gains]. The command
@@ -28,8 +28,6 @@ def flying_arm(
         d: the robot's table of assets/flying_arm/vehicle.toml.
     """
     places = np.array(d["positions"])
-    carrier = Carrier(
-        rotor_terms(places, d["spins"], d["thrust"], d["torque"]),
-        Operation.within(d["speed"], np.ones(len(places)), 0.1),
-    )
-    return CompiledMultibody(model, joints, np.full(len(joints.gain), friction_speed), carrier)
+    rotors = rotor_terms(places, d["spins"], d["thrust"], d["torque"])
+    operation = Operation.within(d["speed"], np.ones(len(places)), 0.1)
+    return JointTree(model, joints, np.full(len(joints.gain), friction_speed), rotors, operation)

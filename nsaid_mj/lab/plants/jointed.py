@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
-from ...base import Name, NonNegative, Positive, Share, UnknownName, config
-from ...core import GRAVITY, Actuator
+from ...base import NonNegative, Positive, UnknownName, config
+from ...core import GRAVITY
 from ...robots import BadRobot, published_numbers
+from ..fields import Share
 from .world.config import KnownPlant, PlantConfig, PublishedRobot
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ _UNSURE = (
 class JointedPlant(KnownPlant, ABC):
     """A robot with a motor or servo on every joint. Its attributes are those of `ArmPlant`."""
 
-    robot: Name = "ur5"
+    robot: str = "ur5"
     damping: Positive | None = None
     friction: Positive | None = None
     armature: NonNegative | None = None
@@ -51,7 +52,7 @@ class JointedPlant(KnownPlant, ABC):
     spread: Share = 0.2
     friction_speed: Positive = 0.05
     backend: Backend = "compiled"
-    actuator: Actuator | None = None
+    actuator: Literal["motor", "servo"] | None = None
     _base: ClassVar[Literal["held", "free"]] = "held"
     _refuses: ClassVar[tuple[str, ...]] = ("an arm in air", "flow", "fluid")
 
@@ -61,7 +62,7 @@ class JointedPlant(KnownPlant, ABC):
         Raises:
             BadRobot: the robot cannot be simulated, or has no joint for a motor.
         """
-        from ...core import CompiledMultibody, Multibody
+        from ...core import JointTree
         from ...robots import load_robot
         from .arm import nominal_scales, published_theta
 
@@ -87,7 +88,8 @@ class JointedPlant(KnownPlant, ABC):
             gain = nominal.gain[driven]
             command = nominal.command[driven]
             nominal = replace(nominal, gain=gain, command=command, driven=tuple(driven))
-        structure = CompiledMultibody if self.backend == "compiled" else Multibody
+        compiled = self.backend == "compiled"
+        structure = JointTree.checked if compiled else JointTree.by_pinocchio
         speed = np.full(len(nominal.viscous), self.friction_speed)
         system = structure(robot.model, nominal, speed)
         joints = [block.name for block in system.space.blocks if block.geometry == "positive"]
@@ -184,7 +186,7 @@ class FloatingBasePlant(ArmPlant):
     Its attributes are those of `ArmPlant`.
     """
 
-    robot: Name = "solo12"
+    robot: str = "solo12"
     _base: ClassVar[Literal["held", "free"]] = "free"
 
 
@@ -203,8 +205,8 @@ class WalkingPlant(JointedPlant):
         softness: time constant of the ground's contact force, MuJoCo's `solref` [s].
     """
 
-    robot: Name = "go2"
-    feet: Name = "_foot"
+    robot: str = "go2"
+    feet: str = "_foot"
     foot_radius: Positive = 0.022  # of the go2 in MuJoCo Menagerie
     sole: tuple[NonNegative, NonNegative, Positive, Positive] | None = None
     sliding: Positive = 0.8
@@ -264,7 +266,7 @@ class FlyingArmPlant(KnownPlant):
 
     _refuses: ClassVar[tuple[str, ...]] = ("a flying arm in still air", "flow", "fluid")
 
-    robot: Name = "borinot"
+    robot: str = "borinot"
     spread: Share = 0.2
 
     def _published(self) -> PublishedRobot:

@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
-from ...base import InvalidInput, Name, Share, UnknownName, config
+from ...base import InvalidInput, UnknownName, config
 from ...core import (
     Array,
     Block,
@@ -14,6 +14,7 @@ from ...core import (
     Operation,
     Term,
 )
+from ..fields import Share
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import BodyInertia
 from .world.sheet import (
@@ -85,11 +86,11 @@ class ColumnRow(SheetTable):
 
     def column(self, parameter: int) -> Column:
         """The column of the structure; `parameter` is its index in the block."""
-        from ...core import polynomial
+        from ...core import Column
 
         constants: dict[str, Any] = dict(self.__pydantic_extra__ or {})
         if "curve" in constants:
-            constants["curve"] = polynomial(*constants["curve"])
+            constants["curve"] = Column.polynomial(*constants["curve"])
         number = -1 if self.command is None else self.command - 1
         return Column(self.kind, parameter, body=0, input=number, **constants)
 
@@ -131,10 +132,10 @@ class ListedSheet(VehicleSheet):
 
         Without added mass, a body in space has the ten parameters of a rigid one.
         """
-        from ...core import LEVEL
+        from ...core import SingleBody
 
         rigid = BodyInertia(self.mass, np.array(self.centre), np.diag(self.inertia)).matrix()
-        axes = list(LEVEL if self.plane else range(6))
+        axes = list(SingleBody.LEVEL if self.plane else range(6))
         added = None
         if self.plane or self.added_mass is not None:
             added = np.diag(self.added_mass or np.zeros(6))
@@ -188,5 +189,5 @@ class ListedPlant(VehiclePlant):
     family: ClassVar[str] = ListedSheet.family
     sheet: ClassVar[type[VehicleSheet]] = ListedSheet
     _refuses: ClassVar[tuple[str, ...]] = ("a vehicle of listed columns", "fluid")
-    vehicle: Name = "catamaran"
+    vehicle: str = "catamaran"
     spread: Share = 0.2

@@ -5,9 +5,10 @@ from typing import ClassVar, Self
 import numpy as np
 from pydantic import model_validator
 
-from ...base import InvalidInput, Number, Positive, Share, config
+from ...base import InvalidInput, Number, Positive, config
 from ...core import Array, Block, Column, Inertia, Operation, Term
 from ...robots import VehicleFiles, asset
+from ..fields import Share
 from .world.blueprint import Blueprint, BodyPlant
 from .world.body import hidden
 

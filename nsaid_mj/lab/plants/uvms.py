@@ -12,8 +12,6 @@ from ...core import (
     GRAVITY,
     Array,
     Block,
-    Carrier,
-    CompiledMultibody,
     Inertia,
     JointScales,
     JointTree,
@@ -95,14 +93,14 @@ def uvms() -> PublishedRobot:
     terms = [*forces, drag, buoyancy, thrust]
     bodies = [base.body, *arms.link_blocks(joints.mass, joints.length)[1:], resisting]
     assert joints.rotor is not None
-    carrier = Carrier(terms, base.operation, inertias, bodies)
     speed = np.full(k, arm["joints"]["friction_speed"])
+    system = JointTree(model, joints, speed, terms, base.operation, inertias, bodies)
     inertial = [body.toDynamicParameters() for body in list(model.inertias)[2:]]
     on_joints = joints.rotor, joints.viscous, joints.coulomb, joints.gain
     beyond = [each.nominal for each in terms]
     theta = np.concatenate([base.theta[:21], *inertial, links.added, *on_joints, *beyond])
     unsure = [(name, 1.0) for name in _UNSURE]
-    return PublishedRobot(base, CompiledMultibody(model, joints, speed, carrier), theta, unsure)
+    return PublishedRobot(base, system, theta, unsure)
 
 
 class Cylinders(NamedTuple):

@@ -5,7 +5,8 @@ A converter for every family, in assets/families, turns these numbers into colum
 
 from typing import ClassVar
 
-from ...base import Name, Share, config
+from ...base import config
+from ..fields import Share
 from .world.blueprint import VehiclePlant
 
 
@@ -20,7 +21,7 @@ class REMUS100Plant(VehiclePlant):
     """
 
     family: ClassVar[str] = "torpedo"
-    vehicle: Name = "remus100"
+    vehicle: str = "remus100"
     spread: Share = 0.2
 
 
@@ -35,7 +36,7 @@ class BlueROV2Plant(VehiclePlant):
     """
 
     family: ClassVar[str] = "underwater"
-    vehicle: Name = "bluerov2"
+    vehicle: str = "bluerov2"
     spread: Share = 0.2
 
 
@@ -51,7 +52,7 @@ class QuadrotorPlant(VehiclePlant):
     """
 
     family: ClassVar[str] = "quadrotor"
-    vehicle: Name = "hummingbird"
+    vehicle: str = "hummingbird"
     spread: Share = 0.1
 
 
@@ -67,7 +68,7 @@ class CarPlant(VehiclePlant):
 
     family: ClassVar[str] = "car"
     _refuses: ClassVar[tuple[str, ...]] = ("a car in the plane", "fluid", "level")
-    vehicle: Name = "f1tenth"
+    vehicle: str = "f1tenth"
     spread: Share = 0.2
 
 
@@ -86,7 +87,7 @@ class BMW320iPlant(CarPlant):
     Its attributes are those of `CarPlant`.
     """
 
-    vehicle: Name = "bmw320i"
+    vehicle: str = "bmw320i"
 
 
 @config
@@ -100,5 +101,5 @@ class AstrobeePlant(VehiclePlant):
 
     family: ClassVar[str] = "free-flyer"
     _refuses: ClassVar[tuple[str, ...]] = ("a free-flyer in a vacuum", "flow", "fluid")
-    vehicle: Name = "astrobee"
+    vehicle: str = "astrobee"
     spread: Share = 0.2

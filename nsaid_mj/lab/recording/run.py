@@ -6,7 +6,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from ...base import RECORDING
+from ...base import OutputFolder
 from ...core import Array, FaultEvent, Indices, Log, ParameterSpace, SecondOrderSystem
 from ...report import (
     Plots,
@@ -58,7 +58,9 @@ def write_run_recording(
     layout = blueprint(
         space, robot.camera, plots, survey=robot.survey, drawn=robot.words, shared=kind
     )
-    return write_file(run.folder / RECORDING, name, layout, documents, plots.curves, robot.log)
+    return write_file(
+        run.folder / OutputFolder.RECORDING, name, layout, documents, plots.curves, robot.log
+    )
 
 
 def _kind(space: ParameterSpace, chosen: Indices) -> str:

@@ -10,16 +10,7 @@ import numpy as np
 import scipy.linalg
 
 from ...base import InvalidInput, NoEstimate
-from ...core import (
-    TOLERANCE,
-    Array,
-    Log,
-    Posterior,
-    Quotient,
-    SecondOrderSystem,
-    decimated,
-    symmetric,
-)
+from ...core import Array, Log, LowPass, Nullspace, Posterior, Quotient, SecondOrderSystem
 from .base import MethodEstimate, Problem
 
 
@@ -29,7 +20,7 @@ def low_passed(W: Array, rate: float, cutoff: float) -> Array:
     The filter is a symmetric FIR filter with half amplitude at the cut-off; rows where it would
     extend beyond the data are dropped.
     """
-    return decimated(W, symmetric(cutoff, rate), max(1, int(rate / (4 * cutoff))))
+    return LowPass(cutoff, rate).every(max(1, int(rate / (4 * cutoff))), W)
 
 
 def central_rows(system: SecondOrderSystem, log: Log) -> Array:
@@ -93,7 +84,7 @@ class Gauge:
         as 0.
         """
         target = -rows @ self.start
-        y = np.linalg.lstsq(rows @ self.tangent, target, rcond=TOLERANCE)[0]
+        y = np.linalg.lstsq(rows @ self.tangent, target, rcond=Nullspace.TOLERANCE)[0]
         return self.start + self.tangent @ y
 
 
@@ -284,12 +275,12 @@ def total(problem: Problem) -> MethodEstimate:
     factors = condense(low_passed(W, rate, cutoff))
     factors /= np.linalg.norm(factors, axis=(1, 2), keepdims=True)
     _, s, Vt = np.linalg.svd(factors.reshape(-1, problem.system.p))
-    seen = int(np.count_nonzero(s > TOLERANCE * s[0]))
+    seen = int(np.count_nonzero(s > Nullspace.TOLERANCE * s[0]))
     shortest = Vt[seen - 1]
     unseen = Vt[seen:]
     rest = unseen.T @ (unseen @ gauge.start)
     gains = gauge.normal @ shortest
-    if not abs(gains) > TOLERANCE:
+    if not abs(gains) > Nullspace.TOLERANCE:
         raise NoEstimate("the gains in the smallest singular vector sum to 0", "Record longer.")
     theta_s = rest + shortest * (gauge.normal @ (gauge.start - rest)) / gains
     return MethodEstimate(gauge.scale * theta_s, f"cut-off {cutoff:.3g} Hz")

@@ -6,13 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from ...base import (
-    InvalidInput,
-    check_choice,
-    path_of,
-    print_json,
-    read_input,
-)
+from ...base import CHOICES, InputFile, InvalidInput, path_of, print_json
 from ...lab import folder_for_results
 from ...report import ExitCode
 from ...robots import check_model
@@ -142,7 +136,7 @@ def designed(scenario: Scenario, given: str, progress: Progress) -> DriverConfig
 
     _, colon, folder = given.partition(":")
     if colon:
-        return Scenario.from_json(read_input(path_of(folder) / "scenario.json")).excitation
+        return Scenario.from_json(InputFile(path_of(folder) / "scenario.json").read()).excitation
     from .designing import design
     from .experiment import Experiment
 
@@ -161,7 +155,7 @@ def two_noises(text: str) -> tuple[float, float]:
 
 def check_excite(chosen: ToDesign) -> None:
     """Checks what `nsaid excite` was given, but the scenario's name."""
-    check_choice("criterion", chosen.criterion)
+    CHOICES.check("criterion", chosen.criterion)
     if chosen.noise is not None:
         two_noises(chosen.noise)
     if chosen.limits is not None:

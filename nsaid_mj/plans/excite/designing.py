@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...base import NoEstimate, check_choice
+from ...base import CHOICES, NoEstimate
 from ...core import Array, Log
 from ...lab import DriverConfig, FourierTracking
 from .errors import NoMotion
@@ -128,7 +128,7 @@ def design(
             design.
         NoMotion: no motion within the limits was found.
     """
-    check_choice("criterion", criterion)
+    CHOICES.check("criterion", criterion)
     asked = asked_for(wanted, experiment.system.space)
     base = experiment.scenario.excitation
     report("simulating random motions", None)

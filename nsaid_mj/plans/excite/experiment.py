@@ -20,14 +20,7 @@ import numpy as np
 
 from ...base import InvalidInput, UnknownName, path_of
 from ...clinic import plant_of
-from ...core import (
-    Array,
-    Log,
-    Nullspace,
-    SecondOrderSystem,
-    SensorLevels,
-    drawn_inside,
-)
+from ...core import Array, Log, Nullspace, Prior, SecondOrderSystem, SensorLevels
 from ...lab import (
     ArmPlant,
     Contacts,
@@ -82,9 +75,9 @@ class Experiment:
             remedy = "State the sensors' noise, such as --noise.position 1e-4."
             raise InvalidInput("noise", "levels > 0", levels, remedy)
         rng = np.random.default_rng(seed)
-        prior = drawn_inside(system.space, known, 0.0, rng)
+        prior = Prior(system.space, known, 0.0).draw(rng)
         error = scenario.initial_error
-        others = [drawn_inside(system.space, known, error, rng) for _ in range(DRAWS - 1)]
+        others = [Prior(system.space, known, error).draw(rng) for _ in range(DRAWS - 1)]
         draws = np.array([prior, *others])
         spaces = [
             Nullspace.structural(system, theta, np.random.default_rng(seed)) for theta in draws

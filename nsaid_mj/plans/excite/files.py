@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base import write_json, write_text
+from ...base import OutputFile
 from ...core import NullspaceAID
 from ...lab import DesignedTracking, Scenario
 from .designing import Design
@@ -55,10 +55,10 @@ def write_design(
 ) -> list[Path]:
     """Writes motion, scenario and figures into a folder, made if need be; returns the files."""
     folder.mkdir(parents=True, exist_ok=True)
-    write_json(folder / DESIGN, design_document(found, prediction, ranks, folder.name))
-    write_text(folder / MOTION, motion_csv(found))
-    write_text(folder / SCENARIO, scenario.to_json() + "\n")
-    write_text(folder / SCRIPT, _SCRIPT.format(title=folder.name, file=SCENARIO))
+    OutputFile(folder / DESIGN).write_json(design_document(found, prediction, ranks, folder.name))
+    OutputFile(folder / MOTION).write_text(motion_csv(found))
+    OutputFile(folder / SCENARIO).write_text(scenario.to_json() + "\n")
+    OutputFile(folder / SCRIPT).write_text(_SCRIPT.format(title=folder.name, file=SCENARIO))
     return [folder / name for name in (DESIGN, MOTION, SCENARIO, SCRIPT)]
 
 

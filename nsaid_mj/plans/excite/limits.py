@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base import LARGEST, InvalidInput, UnknownName, shown
+from ...base import LARGEST, InvalidInput, UnknownName
 from ...core import Array, JointTree, Log, SecondOrderSystem
 from .limits_file import LIMITS_FORM, read_limits_file
 
@@ -224,5 +224,5 @@ def _numbers(name: str, value: Any, count: int) -> Array:
     plain = all(isinstance(x, int | float) and not isinstance(x, bool) for x in given)
     if len(given) != count or not plain or not all(abs(x) <= LARGEST for x in given):
         expected = f"a finite number, or a list of {count}"
-        raise InvalidInput(f"limits.{name}", expected, shown(value), LIMITS_FORM)
+        raise InvalidInput(f"limits.{name}", expected, value, LIMITS_FORM)
     return np.array(given, dtype=np.float64)

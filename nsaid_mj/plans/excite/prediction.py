@@ -24,7 +24,6 @@ from ...core import (
     JointTree,
     Log,
     NullspaceAID,
-    PointMasses,
     SensorLevels,
     Status,
     phrase,
@@ -133,7 +132,7 @@ def _loaded(found: Design, driver: DesignedTracking) -> Iterator[Remedy]:
     moving = sum(experiment.prior[at][0] for b, at in space if b.geometry == "pseudo_inertia")
     for part, swing in _PAYLOADS:
         mass = float(f"{part * _CARRIED * moving:.1g}")
-        added = PointMasses(space).change(mass, place)
+        added = experiment.system.point_masses.change(mass, place)
         loaded = replace(experiment, prior=experiment.prior + added, draws=experiment.draws + added)
         log = _kept(found, loaded, _swung(driver, swing))
         if log is None:

@@ -13,15 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base import (
-    CHOICES,
-    InvalidInput,
-    NoEstimate,
-    NsaidError,
-    check_choice,
-    single_threaded,
-    write_json,
-)
+from ...base import CHOICES, InvalidInput, NoEstimate, NsaidError, OutputFile, single_threaded
 from ...core import ConventionalAID, IdentifierConfig, Log, NullspaceAID, SensorLevels
 from ...lab import (
     BUDGET,
@@ -74,7 +66,7 @@ def comparison_plan(
         InvalidInput: a list is empty or has duplicates, or a value is out of range.
     """
     for name in methods:
-        check_choice("method", name)
+        CHOICES.check("method", name)
     lists = {"methods": methods, "seeds": seeds, "durations": durations, "noises": noises}
     for name, values in lists.items():
         if not values or len(set(values)) < len(values):
@@ -271,7 +263,7 @@ def _attempt(method: Method, problem: Problem) -> tuple[MethodEstimate | None, s
 
 def write(folder: Path, study: Study, rows: Sequence[Row]) -> None:
     """Writes compare.json, with all rows and the plan, and compare.csv; may raise `NotWritten`."""
-    write_json(folder / COMPARE_FILES[0], study.manifest | {"cells": rows})
+    OutputFile(folder / COMPARE_FILES[0]).write_json(study.manifest | {"cells": rows})
     write_csv(folder / COMPARE_FILES[1], list(row_of("", 0, 0.0, 0.0)), rows)
 
 

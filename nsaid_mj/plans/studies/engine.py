@@ -19,7 +19,7 @@ from typing import Any
 
 from pebble import ProcessExpired, ProcessPool
 
-from ...base import InvalidInput, check_choice
+from ...base import CHOICES, InvalidInput
 from ...lab import Scenario
 from .one_run import Job, attempt, attempt_in_thread, prepare_process
 from .study import MOST_JOBS, check_count, processors
@@ -49,7 +49,7 @@ class Engine:
     timeout: float | None = None
 
     def __post_init__(self) -> None:
-        check_choice("engine", self.name)
+        CHOICES.check("engine", self.name)
         if (self.name == "local") != (self.address is None):
             expected = "none for local processes" if self.address else "a cluster's"
             raise InvalidInput("address", expected, self.address, "tcp://host:8786 is Dask's form.")

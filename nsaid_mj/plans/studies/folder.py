@@ -14,19 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from rich.progress import Progress as Bar
 
-from ...base import (
-    BadRun,
-    NotWritten,
-    atomic_write,
-    is_ours,
-    json_of,
-    opened_file,
-    read_bytes,
-    sign,
-    without_nonfinite,
-    write_json,
-    writing,
-)
+from ...base import BadRun, NotWritten, OutputFile, json_of, without_nonfinite
 from .runs import Runs
 from .study import Row, in_folder
 from .sweep_files import MANIFEST, ROWS, TABLE, no_sweep
@@ -49,7 +37,7 @@ def read(folder: Path) -> Runs:
     """
     manifest = _manifest(folder)
     try:
-        data = read_bytes(folder / ROWS, _ROW * (manifest["runs"] + _AGAIN))
+        data = OutputFile(folder / ROWS).read(_ROW * (manifest["runs"] + _AGAIN))
     except FileNotFoundError:
         data = b""
     except OSError as error:
@@ -78,7 +66,7 @@ def read(folder: Path) -> Runs:
 def _manifest(folder: Path) -> dict[str, Any]:
     """Reads a sweep's manifest, or its copy in the table if that is missing or damaged."""
     for text in (
-        lambda: read_bytes(folder / MANIFEST),
+        lambda: OutputFile(folder / MANIFEST).read(),
         lambda: _in_table(folder / TABLE),
     ):
         try:
@@ -100,7 +88,7 @@ def _manifest(folder: Path) -> dict[str, Any]:
 
 def _in_table(path: Path) -> bytes:
     """The manifest in the metadata of a table."""
-    with opened_file(path) as stream:
+    with OutputFile(path).opened() as stream:
         return (pq.read_schema(stream).metadata or {})[b"nsaid"]
 
 
@@ -137,7 +125,7 @@ def write_table(folder: Path) -> Path:
     table = pa.table({name: _column(name, [row.get(name) for row in runs.rows]) for name in names})
     table = table.replace_schema_metadata({"nsaid": json.dumps(runs.manifest)})
     path = folder / TABLE
-    with atomic_write(path) as partial:
+    with OutputFile(path).atomically() as partial:
         pq.write_table(table, partial)
     return path
 
@@ -169,7 +157,7 @@ def opened(
     _sign_rows(folder)
     with in_folder(folder, (ROWS, TABLE, "report.html", PICTURE), quiet, done) as bar:
         known = _resumed(folder, manifest, partial(bar.console.print, highlight=False))
-        with writing(rows):
+        with NotWritten.on_failure(rows):
             flags = os.O_WRONLY | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)
             descriptor = os.open(rows, flags)
         try:
@@ -178,7 +166,7 @@ def opened(
                 def append(row: Row) -> None:
                     plain = without_nonfinite(row)
                     line = json.dumps(plain, ensure_ascii=False, allow_nan=False) + "\n"
-                    with writing(rows, remedy):
+                    with NotWritten.on_failure(rows, remedy):
                         if stream.write(line.encode()) < len(line.encode()):
                             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
                         os.fsync(descriptor)
@@ -200,8 +188,10 @@ def _sign_rows(folder: Path) -> None:
     rows = folder / ROWS
     if (folder / MANIFEST).is_file() or (rows.is_file() and rows.stat().st_size):
         read(folder)
-        if rows.is_file() and (is_ours(folder / MANIFEST) or is_ours(folder / TABLE)):
-            sign(rows)
+        if rows.is_file() and (
+            OutputFile(folder / MANIFEST).is_ours or OutputFile(folder / TABLE).is_ours
+        ):
+            OutputFile(rows).sign()
 
 
 def _resumed(
@@ -211,8 +201,8 @@ def _resumed(
     rows = folder / ROWS
     wanted = json.loads(json.dumps(manifest))
     if not (folder / MANIFEST).is_file() and not (rows.is_file() and rows.stat().st_size):
-        write_json(folder / MANIFEST, manifest)
-        with atomic_write(rows):
+        OutputFile(folder / MANIFEST).write_json(manifest)
+        with OutputFile(rows).atomically():
             return {}
     there = read(folder)
     before = there.manifest
@@ -224,10 +214,10 @@ def _resumed(
             "Give another folder with --out, or delete this one",
         )
     if not (folder / MANIFEST).is_file():
-        write_json(folder / MANIFEST, before)
+        OutputFile(folder / MANIFEST).write_json(before)
     if there.damaged:
         say(f"{there.damaged}; they are made again")
     if not rows.is_file() or len(there.intact) != rows.stat().st_size:
-        with atomic_write(rows) as partial:  # without damaged and incomplete lines
+        with OutputFile(rows).atomically() as partial:  # without damaged and incomplete lines
             partial.write_bytes(there.intact)
     return {row["run"]: row for row in there.rows}

@@ -18,13 +18,12 @@ from typing import Any
 
 import numpy as np
 
-from ...base import InvalidInput, compile_seconds
+from ...base import InvalidInput, Stopwatch
 from ...core import (
     Array,
     Estimates,
     Identifier,
     Log,
-    Motion,
     NullspaceIdentifier,
     State,
     Status,
@@ -177,9 +176,9 @@ def identify(
     A draw is its number and its scenario, whose seed draws the prior. Returns one row per draw.
     """
     begin = time.perf_counter()
-    compiled = compile_seconds()
+    watch = Stopwatch()
     runs = follow(course, [scenario for _, scenario in draws], seen)
-    spent = time.perf_counter() - begin - (compile_seconds() - compiled)
+    spent = time.perf_counter() - begin - watch.compiling
     cost = 1e6 * max(spent, 0.0) / (len(runs) * max(1, len(course.log.t) - 1))
     return [_row(*draw, course, run, cost) for draw, run in zip(draws, runs, strict=True)]
 
@@ -204,31 +203,16 @@ def follow(course: DrawnMotion, scenarios: Sequence[Scenario], seen: Seen = floa
         if not going:
             break
         with course.workspace:
-            motion = _shared(going[0].following.identifier, part)
+            motion = NullspaceIdentifier.shared_motion(going[0].following.identifier, part)
         with course.workspace if motion is None else nullcontext():
-            for run, found in zip(going, _steps(going, part, motion), strict=True):
+            laws = [run.following.identifier for run in going]
+            states = [run.following.state for run in going]
+            steps = NullspaceIdentifier.followed_together(laws, states, part, motion)
+            for run, found in zip(going, steps, strict=True):
                 run.absorb(part, *found, due)
                 seen((len(part.t) - 1) / last)
         seen((len(runs) - len(going)) * (len(part.t) - 1) / last)
     return runs
-
-
-def _steps(
-    runs: Sequence[Draw], log: Log, motion: Motion | None
-) -> Iterator[tuple[State, Estimates]]:
-    """Every run's identifier follows a log, together with the others if they share its motion."""
-    laws = [run.following.identifier for run in runs]
-    states = [run.following.state for run in runs]
-    if motion is not None:
-        return NullspaceIdentifier.along_together(laws, states, log, motion)  # type: ignore[arg-type]
-    return (law.follow(state, log) for law, state in zip(laws, states, strict=True))
-
-
-def _shared(identifier: Identifier, log: Log) -> Motion | None:
-    """The motion that identifiers of one kind share on a log; None if they must run alone."""
-    if isinstance(identifier, NullspaceIdentifier) and identifier.memory is None:
-        return identifier.motion(log)
-    return None
 
 
 def _row(draw: int, scenario: Scenario, course: DrawnMotion, run: Draw, cost: float) -> Row:

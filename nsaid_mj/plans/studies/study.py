@@ -17,7 +17,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress as Bar
 
-from ...base import InvalidInput, check_own, locked, shown, write_text
+from ...base import InvalidInput, OutputFile, OutputFolder
 from ...lab import Scenario, counted, versions
 from ...report import Page, Result, print_page
 from .one_run import digest_of
@@ -36,7 +36,7 @@ _Made = TypeVar("_Made")
 def check_count(name: str, number: int, remedy: str, most: int = MOST_RUNS) -> None:
     """Raises `InvalidInput` unless a number of runs, in all or at a time, is from 1 to `most`."""
     if not 1 <= number <= most:
-        raise InvalidInput(name, f"a number from 1 to {most}", shown(number), remedy)
+        raise InvalidInput(name, f"a number from 1 to {most}", number, remedy)
 
 
 def processors() -> int:
@@ -142,8 +142,8 @@ def in_folder(
         NotWritten: the folder cannot be created.
         BadRun: the folder holds other files only.
     """
-    check_own(folder, own)
-    with locked(folder), counted(quiet, done) as bar:
+    OutputFolder(folder).check(own)
+    with OutputFolder(folder).locked(), counted(quiet, done) as bar:
         yield bar
 
 
@@ -195,4 +195,4 @@ def write_csv(path: Path, heads: Sequence[str], rows: Iterable[dict[str, Any]]) 
     writer = csv.DictWriter(stream, heads, restval="", lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
-    write_text(path, stream.getvalue())
+    OutputFile(path).write_text(stream.getvalue())

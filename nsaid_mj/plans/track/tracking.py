@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base import CHOICES, Finding, InvalidInput, check_choice, without_nonfinite, write_json
+from ...base import CHOICES, Finding, InvalidInput, OutputFile, without_nonfinite
 from ...core import Array, ConeMetric, Log, Status, rounded
 from ...lab import (
     AdaptiveTracking,
@@ -62,7 +62,7 @@ def tracking_plan(
         InvalidInput: the scenario's excitation does not track, or there are no seeds.
     """
     for law in laws:
-        check_choice("tracking law", law)
+        CHOICES.check("tracking law", law)
     if not laws or not seeds:
         raise InvalidInput("--laws, --seeds", "at least one of each", "none", "Leave them out.")
     if not isinstance(scenario.excitation, AdaptiveTracking):
@@ -190,7 +190,7 @@ def write(folder: Path, study: Study, done: list[TrackedCourse]) -> None:
     rows = [{"law": c.law, "seed": c.seed} | c.figures for c in done]
     heads = list(dict.fromkeys(key for row in rows for key in row))
     found = {"medians": medians(study, done), "rows": without_nonfinite(rows)}
-    write_json(folder / TRACKING_FILES[0], study.manifest | found)
+    OutputFile(folder / TRACKING_FILES[0]).write_json(study.manifest | found)
     write_csv(folder / TRACKING_FILES[1], heads, rows)
 
 

@@ -12,7 +12,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 import rerun_bindings
 
-from ...base import atomic_write
+from ...base import OutputFile
 from .lines import Lines, key
 from .plots import KEY
 from .text import application, drawable
@@ -51,7 +51,7 @@ def write_recording(
         draw(rec)
         for one in lines:
             one.log(rec)
-        with atomic_write(file) as partial, partial.open("wb") as stream:
+        with OutputFile(file).atomically() as partial, partial.open("wb") as stream:
             stream.write(memory.drain_as_bytes())
     finally:
         memory.drain_as_bytes()  # otherwise Rerun warns of data left after a failure, on stderr

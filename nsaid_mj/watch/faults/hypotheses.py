@@ -13,12 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core import (
-    SMALL,
     Array,
     Cone,
     Indices,
+    KalmanFilter,
     ParameterSpace,
-    PointMasses,
     SecondOrderSystem,
 )
 from .evidence import Jump
@@ -102,7 +101,7 @@ def inexact(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
     An effect outside the span of W biases the parameters closest to it, by amounts that vary with
     the motion. Without this hypothesis, it would be attributed to the most similar single fault.
     """
-    sizes = np.diag(np.maximum(np.abs(theta / system.space.scale), SMALL))
+    sizes = np.diag(KalmanFilter.sizes(theta, system.space.scale))
     none = nothing(system)
     return [
         none._replace(D=share * sizes, size=np.zeros(system.p), share=share) for share in _INEXACT
@@ -244,11 +243,11 @@ def _payloads(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
     therefore start with a ball of typical mass at the joint.
     """
     space = system.space
-    masses = PointMasses(space)
+    masses = system.point_masses
     name = masses.carrier
     bodies = {block.name: place for block, place in space if block.geometry == "pseudo_inertia"}
     if name not in bodies:
-        return [_submerged_payload(space)] if masses.submerged else []
+        return [_submerged_payload(system)] if masses.submerged else []
     place = bodies[name]
     whole = sum(float(space.scale[at][0]) for at in bodies.values())
     scale = space.scale[place]
@@ -267,10 +266,11 @@ def _payloads(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
     return found
 
 
-def _submerged_payload(space: ParameterSpace) -> Hypothesis:
+def _submerged_payload(system: SecondOrderSystem) -> Hypothesis:
     """A payload on a body in water."""
+    space = system.space
     mass = float(space.scale[space["mass matrix"]][0])
-    masses = PointMasses(space)
+    masses = system.point_masses
     own = masses.change(mass, np.zeros(3))
     reach = 0.3
     arms = [masses.change(mass, reach * e) - own for e in np.eye(3)]

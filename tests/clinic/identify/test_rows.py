@@ -21,7 +21,7 @@ from nsaid_mj.clinic.identify.smoothing import delayed, refined, smooth_commands
 from nsaid_mj.clinic.identify.vehicle_loads import check_place
 from nsaid_mj.clinic.identify.vehicles import VehicleRows, smooth_pose
 from nsaid_mj.clinic.logs.recordings import LogSegment, Recordings
-from nsaid_mj.core import GRAVITY, JointTree, PointMasses
+from nsaid_mj.core import GRAVITY, JointTree
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.parameters import ParameterSpace
 from nsaid_mj.lab.library import load
@@ -211,7 +211,7 @@ def test_a_load_of_a_vehicle_has_the_columns_of_a_point_mass_where_it_is_carried
     rows = VehicleRows(robot, recordings, filter_for(recordings), loads)
     problem = rows.problem(frozenset(), Timing())
     at = problem.space["payload"]
-    masses = PointMasses(robot.system.space)
+    masses = robot.system.point_masses
     mass = masses.change(1.0, np.array(place))
     own = problem.Y[:, :, : len(mass)]
     carrying = (rows.segment == 1)[:, None]

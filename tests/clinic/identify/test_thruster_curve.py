@@ -9,7 +9,7 @@ from nsaid_mj.clinic.identify.choose.thruster_curve import (
     flight_controllers_share,
 )
 from nsaid_mj.clinic.identify.identify import identify
-from nsaid_mj.core.structure.columns.curve import interpolated, polynomial
+from nsaid_mj.core.structure.parts import Column
 from tests.court.field_commands import draw_constant, draw_curve
 
 U = np.linspace(-1.0, 1.0, 41)
@@ -36,9 +36,9 @@ def test_the_sheets_curve_is_kept_where_it_is_true(tmp_path):
 
 
 def test_a_curve_of_numbers():
-    square = polynomial(0.0, 2.0)
+    square = Column.polynomial(0.0, 2.0)
     np.testing.assert_allclose(curve_values(square, U), 2 * U * np.abs(U))
-    table = interpolated(np.array([-1.0, 0.0, 1.0]), np.array([-1.0, 0.0, 3.0]))
+    table = Column.interpolated(np.array([-1.0, 0.0, 1.0]), np.array([-1.0, 0.0, 3.0]))
     np.testing.assert_allclose(curve_values(table, U), np.where(U < 0, U, 3 * U))
     own = ThrusterCurve(0.1, 2.0, 0.9).shares(U, square)
     assert (own[np.abs(U) <= 0.1] == 0).all() and own[-1] == 2.0 and own[0] == pytest.approx(-1.8)

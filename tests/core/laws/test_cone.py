@@ -11,7 +11,7 @@ from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.core.laws.base import Status
 from nsaid_mj.core.laws.cone import chart
 from nsaid_mj.core.laws.cone.law import ACCURACY, ConeMetric
-from nsaid_mj.core.laws.cone.prior import drawn_inside
+from nsaid_mj.core.laws.cone.prior import Prior
 from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.core.parameters import Block, ParameterSpace
@@ -32,7 +32,7 @@ plants = pytest.mark.parametrize("name", NAMES)
 def inside(name: str, seed: int, error: float = 0.3) -> np.ndarray:
     p = scenario_plant(name)
     rng = np.random.default_rng(seed)
-    return drawn_inside(p.system.space, p.truth, error, rng)
+    return Prior(p.system.space, p.truth, error).draw(rng)
 
 
 def build(name: str, prior: np.ndarray, gain: float = 1.0, mu: float = 1.0) -> NullspaceIdentifier:
@@ -93,7 +93,7 @@ def test_a_tied_matrix_on_the_edge_is_drawn_inside():
     cone, rng = geometry.Cone.of(space), np.random.default_rng(0)
     assert not cone.contains(truth)
     for error in (0.0, 0.3, 1.0):
-        theta = drawn_inside(space, truth, error, rng)
+        theta = Prior(space, truth, error).draw(rng)
         assert cone.contains(theta)
         M = mass_of_a_torpedo(theta[place])
         assert np.linalg.eigvalsh(balanced(M))[0] >= 0.999e-3 * np.exp(-error)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from nsaid_mj.core.laws.cone.prior import drawn_covariance
+from nsaid_mj.core.laws.cone.prior import Prior
 from nsaid_mj.core.laws.efficient.filter import filter_at
 from nsaid_mj.core.parameters import Block, ParameterSpace
 from nsaid_mj.lab.evaluation.statistics import Accuracy, LawUsed
@@ -44,7 +44,7 @@ def test_gains_that_drift_are_followed_within_their_intervals(
 def rivals(*evidence: float) -> Rivals:
     """Rivals of θ constant, all of it a walk at two variances, gains at four, that began at 0 s."""
     system, truth = system_of("bluerov2")
-    covariance = drawn_covariance(system.space, truth, 0.3)
+    covariance = Prior(system.space, truth, 0.3).covariance()
     kalman = filter_at(np.zeros(7), np.zeros(6), truth, covariance)
     made = Rivals.at(kalman, covariance, 0.0)
     assert len(made.each) == len(evidence)

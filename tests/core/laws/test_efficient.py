@@ -10,15 +10,14 @@ import pinocchio as pin
 import pytest
 
 from nsaid_mj.core.laws.base import Estimates, State, Status
-from nsaid_mj.core.laws.cone.prior import drawn_inside
+from nsaid_mj.core.laws.cone.prior import Prior
 from nsaid_mj.core.laws.efficient.estimator import KalmanFilter
 from nsaid_mj.core.laws.efficient.noise import Noise, add_increment
 from nsaid_mj.core.laws.settings import EfficientConfig
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.core.quotient.cone import Cone
-from nsaid_mj.core.structure.joints import JointScales
-from nsaid_mj.core.structure.multibody import CompiledMultibody
+from nsaid_mj.core.structure.joints import JointScales, JointTree
 from nsaid_mj.core.structure.system import SecondOrderSystem
 from nsaid_mj.lab.evaluation.bound import bound_figures
 from nsaid_mj.lab.evaluation.confidence import KnownDirections, known
@@ -29,7 +28,6 @@ from nsaid_mj.lab.plants.world.faults.kinds import Loss
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.setup import Setup
 from nsaid_mj.watch.misfit import CONTRADICTS, NONE, judged
-from nsaid_mj.watch.replay import replay
 from nsaid_mj.watch.state import keeping, moving_of
 
 
@@ -123,7 +121,7 @@ def test_the_local_norm_is_that_of_the_barriers_hessian() -> None:
     for name in ("bluerov2", "crazyflie", "remus100"):
         setup, rng = Setup.of(load(name)), np.random.default_rng(0)
         space = setup.system.space
-        cone, theta = Cone.of(space), drawn_inside(space, setup.plant.truth, 0.3, rng)
+        cone, theta = Cone.of(space), Prior(space, setup.plant.truth, 0.3).draw(rng)
         step = 0.1 * space.scale * rng.standard_normal(len(space))
         _, hessian = cone.derivatives(theta)
         expected = np.sqrt(step @ hessian @ step)
@@ -140,27 +138,27 @@ def test_a_log_in_pieces_gives_the_same_estimates() -> None:
     np.testing.assert_array_equal(np.concatenate(rows), found.estimates.theta_hat[1:400])
 
 
-def three_joints(parent: int) -> CompiledMultibody:
+def three_joints(parent: int) -> JointTree:
     """Three hinges, the third of which is on the body of the joint `parent`, 1 or 2."""
     model, offset = pin.Model(), pin.SE3(np.eye(3), np.array([0.0, 0.1, 0.3]))
     for name, on, kind in (("a", 0, "RZ"), ("b", 1, "RY"), ("c", parent, "RX")):
         joint = model.addJoint(on, getattr(pin, f"JointModel{kind}")(), offset, name)
         model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), offset)
     scales = JointScales(*np.ones((7, 3)), rotor=np.full(3, 0.1))
-    return CompiledMultibody(model, scales, np.full(3, 0.1))
+    return JointTree.checked(model, scales, np.full(3, 0.1))
 
 
 def test_a_robot_does_not_change_the_next_ones_filter_in_the_same_process() -> None:
     """A fork's M is zero between its branches, where a chain's is not."""
 
-    def followed_alone(system: CompiledMultibody) -> tuple[np.ndarray, np.ndarray]:
+    def followed_alone(system: JointTree) -> tuple[np.ndarray, np.ndarray]:
         rng, t = np.random.default_rng(0), np.arange(100) * 0.01
         v = np.sin(t[:, None] * [3.0, 4.0, 5.0])
         noisy = v + 1e-3 * rng.standard_normal(v.shape)
         log = Log(t, np.cumsum(v, axis=0) * 0.01, noisy, rng.standard_normal(v.shape))
         alone = KalmanFilter(system, 0.01, EfficientConfig())
         theta = system.space.scale
-        kalman = replay(alone, theta, alone.covariance(theta), log).filter
+        kalman = alone.replay(theta, alone.covariance(theta), log).filter
         return kalman.theta, kalman.Ptt
 
     chain, fork = three_joints(2), three_joints(1)
@@ -240,8 +238,8 @@ def test_unmodelled_friction_is_contradicted_by_the_motion() -> None:
     """The arm's joints have Coulomb friction; the structure has the viscous part only."""
     found = followed("ur5", 10, 8.0)
     system = found.setup.system
-    assert isinstance(system, CompiledMultibody)
-    frictionless = CompiledMultibody(system.model, system.scales, np.full(6, 1e9))
+    assert isinstance(system, JointTree)
+    frictionless = JointTree.checked(system.model, system.scales, np.full(6, 1e9))
     rows = [system.space.index(f"coulomb_{joint}") for joint in range(1, 7)]
     t, q, v, u = found.log.at(500)
     assert np.abs(frictionless.F(t, np.hstack([q, v]), u)[:, rows]).max() < 1e-6

@@ -10,7 +10,7 @@ import pytest
 from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2
 
-from nsaid_mj.core.laws.cone.prior import drawn_inside
+from nsaid_mj.core.laws.cone.prior import Prior
 from nsaid_mj.core.laws.efficient.covariance import innovate, predict, update
 from nsaid_mj.core.laws.efficient.estimator import KalmanFilter
 from nsaid_mj.core.laws.efficient.filter import (
@@ -478,7 +478,7 @@ def test_every_piece_between_faults_is_judged_under_the_signals_that_act() -> No
 def test_an_estimate_is_judged_inside_the_cone_with_gains_that_are_sound() -> None:
     made = plant("bluerov2")
     space, gains = made.system.space, made.system.space.actuators
-    prior = drawn_inside(space, made.truth, 0.3, np.random.default_rng(0))
+    prior = Prior(space, made.truth, 0.3).draw(np.random.default_rng(0))
     theta = made.truth.copy()
     theta[gains[1]] *= -1
     theta[gains[2]] = 0.0

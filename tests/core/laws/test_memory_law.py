@@ -13,7 +13,7 @@ import pytest
 from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.cli.grammar import RunOptions
 from nsaid_mj.core.laws.base import State, Status
-from nsaid_mj.core.laws.cone.prior import drawn_inside
+from nsaid_mj.core.laws.cone.prior import Prior
 from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.core.laws.memory.implicit import ImplicitMemory
 from nsaid_mj.core.laws.memory.statistics import Memory
@@ -46,7 +46,7 @@ NAMES = ["bluerov2", "double_pendulum", "f1tenth"]
 
 def inside(log: Log, seed: int, error: float = 0.3) -> Array:
     space, rng = log.plant.system.space, np.random.default_rng(seed)
-    return drawn_inside(space, log.plant.truth, error, rng)
+    return Prior(space, log.plant.truth, error).draw(rng)
 
 
 def build(

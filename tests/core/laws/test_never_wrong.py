@@ -11,7 +11,7 @@ from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.core.laws.base import Confidence, State
-from nsaid_mj.core.laws.cone.prior import drawn_covariance, drawn_inside
+from nsaid_mj.core.laws.cone.prior import Prior
 from nsaid_mj.core.laws.efficient.estimator import KalmanFilter
 from nsaid_mj.core.laws.efficient.law import EfficientIdentifier
 from nsaid_mj.core.laws.efficient.signals import Signals
@@ -145,7 +145,7 @@ def test_a_projected_step_is_inside_and_closer_to_the_truth(
     rng = np.random.default_rng(seed)
     if isinstance(kinds, str):
         system, given_truth = system_of(kinds)
-        space, truth = system.space, drawn_inside(system.space, given_truth, 0.5, rng)
+        space, truth = system.space, Prior(system.space, given_truth, 0.5).draw(rng)
     else:
         space, truth = random_parameters(rng, kinds, edge)
     cone, p, scale = Cone.of(space), len(space), np.array(space.scale)
@@ -154,7 +154,7 @@ def test_a_projected_step_is_inside_and_closer_to_the_truth(
     root = rng.standard_normal((p, p)) * np.logspace(0, -rng.uniform(0, 3), p)
     P, cross = root @ root.T, rng.standard_normal((2, p))
     start = truth + 10**length * scale * (root @ rng.standard_normal(p))
-    before = drawn_inside(space, truth, 0.3, rng)
+    before = Prior(space, truth, 0.3).draw(rng)
     theta, lost = start.copy(), start.copy()
     work = np.empty(p), np.empty(p), np.empty((p, p))
     project_inside(cone, margin, before, theta, scale, P, cross, np.zeros(2), *work)
@@ -228,7 +228,7 @@ def test_nothing_is_learned_of_the_scale(name: str) -> None:
     scale, error = system.space.scale, found.setup.scenario.initial_error
     prior, start = (
         found.setup.prior / scale,
-        drawn_covariance(system.space, found.setup.prior, error),
+        Prior(system.space, found.setup.prior, error).covariance(),
     )
     before = prior @ np.linalg.solve(start, prior)
     now = kalman.theta / scale
@@ -529,4 +529,4 @@ def test_the_filter_is_told_the_scenarios_error_of_the_prior() -> None:
         system, truth = system_of("bluerov2")
         spread = KalmanFilter(system, 0.01, given_.efficient).covariance(truth)  # type: ignore[attr-defined]
         expected = {0.5: 0.5, 0.0: 0.3}[error] if config is law else 0.1
-        np.testing.assert_array_equal(spread, drawn_covariance(system.space, truth, expected))
+        np.testing.assert_array_equal(spread, Prior(system.space, truth, expected).covariance())

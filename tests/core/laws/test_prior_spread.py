@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import block_diag, solve_triangular
 
 from nsaid_mj.base.errors import InvalidInput
-from nsaid_mj.core.laws.cone.prior import drawn_covariance, drawn_inside
+from nsaid_mj.core.laws.cone.prior import Prior
 from nsaid_mj.core.parameters import Array, Block, ParameterSpace
 from tests.support.remembered import scenario_plant
 
@@ -40,7 +40,7 @@ def random_tree(seed: int) -> tuple[ParameterSpace, Array]:
 
 def squares(space: ParameterSpace, estimate: Array, truth: Array, error: float) -> float:
     """χ²/p of an estimate under its own covariance."""
-    root = np.linalg.cholesky(drawn_covariance(space, estimate, error))
+    root = np.linalg.cholesky(Prior(space, estimate, error).covariance())
     e = solve_triangular(root, (truth - estimate) / space.scale, lower=True)
     return float(e @ e / len(e))
 
@@ -49,13 +49,13 @@ def mean_squares(space: ParameterSpace, published: Array, error: float, seed: in
     """Mean χ²/p of 50 estimates: truth drawn about them; they about a truth; about `published`."""
     rng, found = np.random.default_rng(seed), []
     for _ in range(50):
-        moved = drawn_inside(space, published, 0.0, rng)
-        truth = drawn_inside(space, published, error, rng)
+        moved = Prior(space, published, 0.0).draw(rng)
+        truth = Prior(space, published, error).draw(rng)
         found.append(
             (
                 squares(space, moved, truth, error),
-                squares(space, drawn_inside(space, truth, error, rng), truth, error),
-                squares(space, drawn_inside(space, published, error, rng), published, error),
+                squares(space, Prior(space, truth, error).draw(rng), truth, error),
+                squares(space, Prior(space, published, error).draw(rng), published, error),
             )
         )
     return np.mean(found, axis=0)
@@ -79,10 +79,10 @@ def test_the_spread_of_a_random_trees_prior_is_the_stated_one(seed):
 def test_second_moments_are_those_of_the_draws(error):
     space, theta = random_tree(0)
     rng = np.random.default_rng(0)
-    theta = drawn_inside(space, theta, 0.0, rng)
-    draws = np.array([drawn_inside(space, theta, error, rng) - theta for _ in range(2000)])
+    theta = Prior(space, theta, 0.0).draw(rng)
+    draws = np.array([Prior(space, theta, error).draw(rng) - theta for _ in range(2000)])
     draws /= space.scale
-    stated = drawn_covariance(space, theta, error)
+    stated = Prior(space, theta, error).covariance()
     for _, place in space:
         root = np.linalg.cholesky(stated[place, place])
         e = solve_triangular(root, draws[:, place].T, lower=True)
@@ -92,8 +92,8 @@ def test_second_moments_are_those_of_the_draws(error):
 
 def test_a_covariance_is_positive_definite_by_block_and_depends_on_the_estimate_alone():
     space, theta = random_tree(3)
-    found = drawn_covariance(space, theta, 0.3)
-    assert (found == drawn_covariance(space, theta.copy(), 0.3)).all()
+    found = Prior(space, theta, 0.3).covariance()
+    assert (found == Prior(space, theta.copy(), 0.3).covariance()).all()
     assert (block_diag(*(found[place, place] for _, place in space)) == found).all()
     assert np.abs(found - found.T).max() <= 1e-15 * np.abs(found).max()
     np.linalg.cholesky(found)
@@ -101,26 +101,26 @@ def test_a_covariance_is_positive_definite_by_block_and_depends_on_the_estimate_
 
 def test_a_number_that_was_moved_inside_may_be_anything_below():
     space = ParameterSpace((Block("drag", ("a", "b"), ("1", "1"), np.full(2, 100.0), "positive"),))
-    found = np.diag(drawn_covariance(space, np.array([1.1, 100.0]), 0.3))
+    found = np.diag(Prior(space, np.array([1.1, 100.0]), 0.3).covariance())
     assert np.sqrt(found[0]) == pytest.approx(0.01)  # 1 % of its scale
     assert np.sqrt(found[1]) == pytest.approx(0.3 / np.sqrt(3), rel=0.05)
 
 
 def test_a_prior_of_any_spread_has_a_finite_covariance():
     space, theta = random_tree(0)
-    found = drawn_covariance(space, theta, 1e15)
+    found = Prior(space, theta, 1e15).covariance()
     assert np.isfinite(found).all() and (np.diag(found) > 0).all()
-    assert (found == drawn_covariance(space, theta, 20.0)).all()
+    assert (found == Prior(space, theta, 20.0).covariance()).all()
 
 
 @pytest.mark.parametrize("error", [0.0, -0.1, np.nan, np.inf])
 def test_a_prior_without_a_spread_is_refused(error):
     space, theta = random_tree(0)
     with pytest.raises(InvalidInput, match="relative error > 0"):
-        drawn_covariance(space, theta, error)
+        Prior(space, theta, error).covariance()
 
 
 @pytest.mark.parametrize("error", [1e-8, 1e-13, 1e-170])
 def test_the_spread_of_a_tiny_error_is_positive_definite(error):
     space, theta = random_tree(0)
-    np.linalg.cholesky(drawn_covariance(space, theta, error))
+    np.linalg.cholesky(Prior(space, theta, error).covariance())

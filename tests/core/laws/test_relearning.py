@@ -16,7 +16,7 @@ from nsaid_mj.core.log import Log
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.setup import Setup
-from nsaid_mj.watch.replay import learned, replay, with_scales_of
+from nsaid_mj.watch.replay import learned, with_scales_of
 from nsaid_mj.watch.state import kept_of
 from tests.support.plants import plant
 
@@ -50,7 +50,7 @@ def test_passes_along_a_log_converge_from_where_one_does_not(name: str, seed: in
     setup, log = far(name, seed)
     alone = cautious(setup)
     prior = np.array(setup.prior)
-    assert replay(alone, prior, alone.covariance(prior), log).contradictions
+    assert alone.replay(prior, alone.covariance(prior), log).contradictions
     found = learned(alone, prior, log)
     assert found is not None and error(setup, found.theta) < 1e-3
 
@@ -58,10 +58,10 @@ def test_passes_along_a_log_converge_from_where_one_does_not(name: str, seed: in
 def test_rests_change_no_bit_of_a_replay() -> None:
     setup, log = far("bluerov2", 1)
     alone, prior = cautious(setup), np.array(setup.prior)
-    whole = replay(alone, prior, alone.covariance(prior), log)
+    whole = alone.replay(prior, alone.covariance(prior), log)
     rests = list[float]()
     P = alone.covariance(prior)
-    pieces = replay(alone, prior, P, log, lambda: rests.append(0.0))
+    pieces = alone.replay(prior, P, log, lambda: rests.append(0.0))
     assert whole.contradictions and pieces.contradictions == whole.contradictions
     assert len(rests) >= (len(log.t) - 1) / 25
     for one, other in zip(pieces.along, whole.along, strict=True):

@@ -10,7 +10,7 @@ from scipy.integrate import cumulative_trapezoid, solve_ivp
 from scipy.linalg import eigh, null_space
 from scipy.optimize import minimize
 
-from nsaid_mj.core.laws.cone.prior import drawn_inside
+from nsaid_mj.core.laws.cone.prior import Prior
 from nsaid_mj.core.parameters import Array, Block, ParameterSpace
 from nsaid_mj.core.quotient import cone as geometry
 from tests.support.bench import Bench, Motion, bench, swing
@@ -134,7 +134,7 @@ class Memory(NamedTuple):
 def memory(seed: int, rank: int = 8, noise: float = 0.0) -> Memory:
     """A random memory on a cone with every kind of block; `noise` > 0 leaves residuals at θ*."""
     rng = np.random.default_rng(seed)
-    truth, start = (drawn_inside(SPACE, MIDDLE, 0.8, rng) for _ in range(2))
+    truth, start = (Prior(SPACE, MIDDLE, 0.8).draw(rng) for _ in range(2))
     rows = rng.standard_normal((2, rank, len(truth)))
     rows -= (rows @ truth)[..., None] * truth / (truth @ truth)
     rows[1, :, 0] = 0.0  # row 2 has the second gain only …
@@ -260,7 +260,7 @@ def test_the_true_set_sees_the_quotient_fall(seed):
     """θ*ᵀ ∇R = −Σ w_i λ_i θ*ᵀΣ_iθ̂/θ̂ᵀΣ_iθ̂ ≤ −2 R e^{−1−D/μ}, D = D_ψ(θ*‖θ̂), if G_i θ* = 0."""
     m, rng = memory(seed), np.random.default_rng(seed)
     for error in (0.1, 0.5, 1.0, 2.0):
-        theta = drawn_inside(SPACE, m.truth, error, rng)
+        theta = Prior(SPACE, m.truth, error).draw(rng)
         slope = float(m.truth @ m.gradient(theta))
         assert slope == pytest.approx(-m.fall(theta), rel=1e-9)
         least = float(np.min(m.truth[:2] / theta[:2]))
@@ -288,7 +288,7 @@ def test_a_residual_at_the_truth_lets_v_rise_by_no_more_than_it_explains(seed):
     m = m._replace(G=m.G + np.einsum("ikj,ikl->ijl", rows, rows))
     rose = 0
     for error in np.geomspace(1e-3, 2, 60):
-        theta = drawn_inside(SPACE, m.truth, error, rng)
+        theta = Prior(SPACE, m.truth, error).draw(rng)
         slope = float(m.truth @ m.gradient(theta))
         assert slope <= 0.5 * m.R(m.truth) * np.max(m.truth[:2] / theta[:2])
         rose += slope > 0
@@ -318,7 +318,7 @@ def test_the_flow_with_memory_meets_its_rate():
     Sigma = np.zeros((n, p))
     Sigma[range(n), motors] = 1.0
     stiffness = np.diag(1 / scale**2)
-    start = drawn_inside(system.space, truth, 0.3, np.random.default_rng(7))
+    start = Prior(system.space, truth, 0.3).draw(np.random.default_rng(7))
 
     def quotient(theta: Array) -> tuple[Array, float]:
         size = Sigma @ theta**2

@@ -8,10 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.base.errors import InvalidInput
-from nsaid_mj.core.nullspace.subspace import (
-    TOLERANCE,
-    Nullspace,
-)
+from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.lab.plants.jointed import ArmPlant
 from nsaid_mj.lab.plants.scalar_rov import ScalarRovPlant
 from tests.support.strategies import seeds
@@ -56,7 +53,7 @@ def test_split_finds_a_planted_nullspace(seed, pr):
     assert found.r == pr[1]
     np.testing.assert_allclose(projector(found.P), projector(planted), atol=1e-9)
     counts, not_ = found.gap
-    assert not_ < TOLERANCE and (counts > TOLERANCE or pr[0] == pr[1])
+    assert not_ < Nullspace.TOLERANCE and (counts > Nullspace.TOLERANCE or pr[0] == pr[1])
 
 
 @FEW
@@ -245,5 +242,5 @@ def test_a_parameter_without_effect_is_described_alone():
 
 def test_an_empty_nullspace_has_no_directions_to_describe():
     system, _, _ = built("scalar")
-    everything = Nullspace(np.zeros((4, 0)), np.eye(4), np.ones(4), TOLERANCE)
+    everything = Nullspace(np.zeros((4, 0)), np.eye(4), np.ones(4), Nullspace.TOLERANCE)
     assert everything.directions(system.space) == []

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nsaid_mj.base import threads
-from nsaid_mj.base.stopwatch import clock, exclude
-from nsaid_mj.base.threads import beside
+from nsaid_mj.base import Stopwatch
 from nsaid_mj.core.laws.base import Estimates
+from nsaid_mj.core.numerics import threads
+from nsaid_mj.core.numerics.threads import beside
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.plants.world.faults.text import parse_faults
 from nsaid_mj.lab.setup import Setup
@@ -38,11 +38,11 @@ def test_an_error_is_raised_where_the_result_is_used_and_no_thread_is_lost() -> 
 def test_the_clock_stops_while_it_waits_for_a_thread_that_compiles() -> None:
     def compiles() -> None:
         time.sleep(0.2)
-        exclude(0.15)
+        Stopwatch.pause(0.15)
 
-    begin = clock()
+    watch = Stopwatch()
     beside(LONG, compiles)()
-    assert 0.05 <= clock() - begin < 0.15
+    assert 0.05 <= watch.seconds < 0.15
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")

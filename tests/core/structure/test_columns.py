@@ -8,7 +8,6 @@ import pytest
 from nsaid_mj.base.errors import InvalidInput, UnknownName
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.core.structure.columns import KINDS
-from nsaid_mj.core.structure.columns.curve import interpolated, polynomial
 from nsaid_mj.core.structure.forces import BODY_KINDS
 from nsaid_mj.core.structure.parts import Body, Column, Inertia
 from nsaid_mj.core.structure.structure import Structure
@@ -19,7 +18,7 @@ from tests.support.trees import random_bodies, random_column, random_motion
 
 P, D, E6 = np.array([0.3, -0.2, 0.5]), np.array([0.6, 0.0, -0.8]), np.arange(1.0, 7.0)
 X, Z, NONE = np.array([1.0, 0, 0]), np.array([0, 0, 1.0]), np.zeros(3)
-BENT = interpolated(np.array([-1.0, 0.0, 2.0]), np.array([-3.0, 0.5, 4.5]))
+BENT = Column.interpolated(np.array([-1.0, 0.0, 2.0]), np.array([-3.0, 0.5, 4.5]))
 STRIPS = np.array([[0.1, 0.2, 0.3, 0.5], [-0.4, 0.1, 0.2, 0.7]])
 GRAVITY = np.array([0.4, -1.0, -9.0])
 
@@ -267,7 +266,7 @@ def test_curves_continue_oddly_and_tables_end_flat():
         structure = Structure([Body("hinge")], [], [column], 1, 1)
         return Evaluation(structure).F(np.zeros(1), np.zeros(1), np.array([u]))[0, 0]
 
-    assert follow(polynomial(1.0, 2.0, 3.0), -2.0) == pytest.approx(-(2 + 8 + 24))
+    assert follow(Column.polynomial(1.0, 2.0, 3.0), -2.0) == pytest.approx(-(2 + 8 + 24))
     assert follow(odd(1.0, 2.0), 2.0) == pytest.approx(2 + 16)
     for u in (-5.0, -1.0, -0.3, 0.0, 1.7, 2.0, 9.0):
         assert follow(BENT, u) == pytest.approx(np.interp(u, [-1, 0, 2], [-3, 0.5, 4.5]))

@@ -22,7 +22,7 @@ class Counter(event.Listener):
     def on_end(self, _): pass
 counter = Counter()
 event.register("numba:compile", counter)
-import nsaid_mj.core.structure.multibody, nsaid_mj.core.structure.motion
+import nsaid_mj.core.structure.joints, nsaid_mj.core.structure.motion
 from nsaid_mj.core.laws.efficient.kalman import _follow
 from nsaid_mj.lab.plants.world.stepping import track
 assert counter.count == 0, "importing compiles"

@@ -16,8 +16,8 @@ from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.core.laws.nullspace_aid import paper_identifier
 from nsaid_mj.core.laws.settings import MemoryConfig
 from nsaid_mj.core.log import Log, Measurement
-from nsaid_mj.core.structure import multibody
-from nsaid_mj.core.structure.multibody import CompiledMultibody, Multibody
+from nsaid_mj.core.structure import pinocchio_links
+from nsaid_mj.core.structure.joints import JointTree
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.plants.arm import nominal_scales
@@ -48,13 +48,13 @@ def model(robot: str) -> pin.Model:
 
 
 @cache
-def pair(robot: str) -> tuple[Multibody, CompiledMultibody]:
+def pair(robot: str) -> tuple[JointTree, JointTree]:
     """(Pinocchio's, ours); every other robot has no rotors."""
     scales = nominal_scales(model(robot), ArmPlant(armature=None if len(robot) % 2 else 0.0))
     friction_speed = np.full(len(scales.gain), 0.05)
     return (
-        Multibody(model(robot), scales, friction_speed),
-        CompiledMultibody(model(robot), scales, friction_speed),
+        JointTree.by_pinocchio(model(robot), scales, friction_speed),
+        JointTree.checked(model(robot), scales, friction_speed),
     )
 
 
@@ -152,7 +152,8 @@ def test_a_tree_of_one_joint_equals_pinocchios(joint):
     alone.inertias[1] = pin.Inertia.FromSphere(2.0, 0.1)
     scales = nominal_scales(alone, ArmPlant())
     theirs, ours = (
-        structure(alone, scales, np.array([0.05])) for structure in (Multibody, CompiledMultibody)
+        structure(alone, scales, np.array([0.05]))
+        for structure in (JointTree.by_pinocchio, JointTree.checked)
     )
     q, v, u = theirs.random_state(rng)
     w, a = rng.standard_normal((2, 1))
@@ -256,7 +257,7 @@ def stepped_by_pinocchio(monkeypatch, change) -> State:
     samples = motion(robot, 1, 1e-3)
     identifier = NullspaceAID().build(pair(robot)[0], true_theta(robot), 1e-3)
     monkeypatch.setattr(
-        multibody.pin, "computeJointTorqueRegressor", lambda *args: change(right(*args))
+        pinocchio_links.pin, "computeJointTorqueRegressor", lambda *args: change(right(*args))
     )
     state = identifier.init(samples[0])
     return identifier.step(state._replace(v_hat=state.v_hat + 1e-3), *samples)
@@ -351,9 +352,9 @@ def test_runs_with_both_backends_end_alike(tmp_path):
 
 def test_the_backend_chooses_the_structure_and_compiled_is_the_default():
     assert set(get_args(Backend)) == {"pinocchio", "compiled"}
-    for plant, structure in (
-        (ArmPlant(), CompiledMultibody),
-        (ArmPlant(backend="pinocchio"), Multibody),
-        (ArmPlant(backend="compiled"), CompiledMultibody),
+    for plant, compiled in (
+        (ArmPlant(), True),
+        (ArmPlant(backend="pinocchio"), False),
+        (ArmPlant(backend="compiled"), True),
     ):
-        assert type(plant.build(1e-3, 0).system) is structure
+        assert (plant.build(1e-3, 0).system.reference is None) is compiled

@@ -6,7 +6,7 @@ import pinocchio as pin
 import pytest
 
 from nsaid_mj.base.errors import EnginesDisagree, InvalidInput
-from nsaid_mj.core.structure.multibody import CompiledMultibody, Multibody
+from nsaid_mj.core.structure.joints import JointTree
 from nsaid_mj.lab.control.tracking import FourierTracking
 from nsaid_mj.lab.plants import arm
 from nsaid_mj.lab.plants.arm import true_model
@@ -111,7 +111,9 @@ def test_m_dot_minus_2c_is_skew(robot):
 def test_without_the_bracket_of_twists_c_is_not_pinocchios(robot):
     """Without it Ṁ − 2C would not be skew: the test above can fail."""
     ours, theta = afloat(robot).system, afloat(robot).truth
-    system = Multibody(load_robot(robot, "free").model, ours.scales, ours.friction_speed)
+    system = JointTree.by_pinocchio(
+        load_robot(robot, "free").model, ours.scales, ours.friction_speed
+    )
     x, w, _, _, _ = draw_state(system, 1)
     _, C = mass_and_coriolis(afloat(robot), *system.split(x))
     assert np.abs(system.W_C(x, w) @ theta - C @ w).max() <= 1e-9 * np.abs(C @ w).max()
@@ -209,7 +211,7 @@ def test_every_joint_has_a_motor_and_the_base_has_none():
 def test_the_system_holds_no_inertia():
     given = load_robot("solo12", "free").model
     assert any(i.toDynamicParameters().any() for i in given.inertias)
-    for structure in (Multibody, CompiledMultibody):
+    for structure in (JointTree.by_pinocchio, JointTree.checked):
         system = structure(given, afloat("solo12").system.scales, np.full(12, 0.05))
         models = [part for part in vars(system).values() if isinstance(part, pin.Model)]
         assert models

@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 
 from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.core.laws.cone.law import ConeMetric
-from nsaid_mj.core.laws.cone.prior import drawn_inside
+from nsaid_mj.core.laws.cone.prior import Prior
 from nsaid_mj.core.laws.metric import ConstantMetric
 from nsaid_mj.core.numerics.spatial import product
 from nsaid_mj.core.parameters import Array, Block, ParameterSpace
@@ -41,7 +41,7 @@ BODIES = ["bluerov2", "astrobee"]
 def tracker(name: str, law: Any = "nullspace") -> tuple[Any, Array, Tracker]:
     """System, prior and controller."""
     made, rng = plant(name), np.random.default_rng(0)
-    prior = drawn_inside(made.system.space, made.truth, 0.3, rng)
+    prior = Prior(made.system.space, made.truth, 0.3).draw(rng)
     return made.system, prior, replace(SLOW, law=law).build(made.system, prior, rng)
 
 

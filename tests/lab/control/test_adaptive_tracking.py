@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from nsaid_mj.base.errors import FolderInUse, InvalidInput, NsaidError
-from nsaid_mj.base.files import locked
+from nsaid_mj.base.files import OutputFolder
 from nsaid_mj.core.laws.cone.law import ConeMetric
-from nsaid_mj.core.laws.cone.prior import drawn_inside
+from nsaid_mj.core.laws.cone.prior import Prior
 from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.core.laws.metric import ConstantMetric
 from nsaid_mj.core.parameters import Array
@@ -44,13 +44,13 @@ def tracker(name: str, law: Any = "nullspace", seed: int = 0) -> tuple[Any, Arra
     """System, true θ and a controller with a prior that is 30 % off, inside the cone."""
     made = plant(name)
     rng = np.random.default_rng(seed)
-    prior = drawn_inside(made.system.space, made.truth, 0.3, rng)
+    prior = Prior(made.system.space, made.truth, 0.3).draw(rng)
     return made.system, made.truth, replace(SLOW, law=law).build(made.system, prior, rng)
 
 
 def inner(system: Any, theta: Array) -> Array:
     """θ moved off the cone's boundary, on which D_ψ is infinite."""
-    return drawn_inside(system.space, theta, 0.0, np.random.default_rng(0))
+    return Prior(system.space, theta, 0.0).draw(np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("name", ACTUATED)
@@ -61,7 +61,7 @@ def test_the_rate_of_v_by_finite_differences(name: str):
     assert isinstance(metric, ConeMetric)
     actuation, exact = Actuation(system, truth, *command_range(system)), 0
     for _ in range(8):
-        t, theta_hat = float(rng.uniform(0, 20)), drawn_inside(system.space, truth, 0.5, rng)
+        t, theta_hat = float(rng.uniform(0, 20)), Prior(system.space, truth, 0.5).draw(rng)
         numbers, v = control.reference.desired(t)
         q = system.integrate(system.position(numbers), 0.02 * rng.standard_normal(system.n))
         v = v + 0.02 * rng.standard_normal(system.n)
@@ -269,7 +269,11 @@ def test_a_study_writes_table_page_and_recording(tmp_path: Path, capsys: Any):
     )
     laws = ("nullspace", "conventional")
     plan = plan_of("double_pendulum", scenario, laws=laws, seeds=(0, 1))
-    with locked(tmp_path), ThreadPoolExecutor(1) as other, pytest.raises(FolderInUse):
+    with (
+        OutputFolder(tmp_path).locked(),
+        ThreadPoolExecutor(1) as other,
+        pytest.raises(FolderInUse),
+    ):
         other.submit(run_study, plan, tmp_path).result()
     result, done = run_study(plan, tmp_path)
     assert len(done) == 4 and result.complete and result.explains in {"yes", "partly"}

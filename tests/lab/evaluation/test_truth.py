@@ -22,7 +22,7 @@ from nsaid_mj import (
     NullspaceAID,
     Scenario,
 )
-from nsaid_mj.base.files import RECORDING
+from nsaid_mj.base.files import OutputFolder
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.lab import postprocessing
@@ -153,7 +153,7 @@ def test_without_recorded_commands_there_is_no_measured_residual(tmp_path):
     done = unknown(run(replace(ROV, record_every=2), tmp_path))
     assert "force_residual_ratio_measured" not in summarize(done, None)
     result = postprocessing.finish(done)
-    assert (tmp_path / RECORDING).is_file()
+    assert (tmp_path / OutputFolder.RECORDING).is_file()
     assert result.accuracy.velocity_error_rms is not None
 
 
@@ -174,7 +174,7 @@ def test_a_run_without_a_truth_is_recorded_and_reported(done, tmp_path):
     assert json.loads((tmp_path / postprocessing.SUMMARY).read_text(encoding="utf-8")) == summary
     page = (tmp_path / REPORT_FILE).read_text(encoding="utf-8")
     assert "nan" not in page and "distance to the true set" not in page
-    seen = entities_of(tmp_path / RECORDING)
+    seen = entities_of(tmp_path / OutputFolder.RECORDING)
     wanted = {"/velocity/measured", "/velocity/predicted", "/force/motion", "/force/actuators"}
     if len(bare.system.space.actuators) > 1:
         wanted.add("/gains_over_prior")
@@ -187,7 +187,7 @@ def test_a_recording_without_a_truth_shows_the_robot_move(tmp_path):
     done = run(BOAT, tmp_path)
     bare = Run(**{field.name: getattr(done, field.name) for field in fields(Run)})
     write_run_recording(bare, evaluated(bare, None), None)
-    seen = entities_of(tmp_path / RECORDING)
+    seen = entities_of(tmp_path / OutputFolder.RECORDING)
     assert "/robot/body" in seen and "/robot/body/force/estimated" in seen
     assert "/robot/body/force/commanded" not in seen
     assert any("Mesh3D" in column for columns in seen.values() for column in columns)

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.base.errors import InvalidInput
-from nsaid_mj.core.laws.cone.prior import drawn_inside
+from nsaid_mj.core.laws.cone.prior import Prior
 from nsaid_mj.core.parameters import Array, ParameterSpace
 from nsaid_mj.core.quotient.cone import Cone
 from nsaid_mj.lab import loop as experiment
@@ -66,7 +66,7 @@ def nominal(name: str, **changes) -> Scenario:
 @given(seed=seeds, error=st.sampled_from([0.1, 0.3, 1.0]))
 def test_a_parametric_plant_moves_by_the_theta_it_is_given(config, seed, error):
     theta, space = published(config)
-    drawn = drawn_inside(space, theta, error, np.random.default_rng(seed))
+    drawn = Prior(space, theta, error).draw(np.random.default_rng(seed))
     plant = config.simulating(DT, drawn)
     assert (np.abs(plant.truth - drawn) <= 1e-14 * np.maximum(np.abs(drawn), space.scale)).all()
     assert_engines_agree(plant, seed, 1e-11)
@@ -77,7 +77,7 @@ def test_a_parametric_plant_moves_by_the_theta_it_is_given(config, seed, error):
 def test_a_drawn_mass_in_water_is_a_rigid_body_and_an_added_mass_both_physical(seed, error):
     theta, space = published(VEHICLES["bluerov2"])
     blueprint = sheet_of("underwater").of("bluerov2").blueprint()
-    drawn = drawn_inside(space, theta, error, np.random.default_rng(seed))
+    drawn = Prior(space, theta, error).draw(np.random.default_rng(seed))
     body, acting = blueprint.split(drawn)
     rigid, added, M = body.matrix(), np.zeros((6, 6)), np.zeros((6, 6))
     upper = np.triu_indices(6)
@@ -97,7 +97,7 @@ def test_a_drawn_mass_in_water_is_a_rigid_body_and_an_added_mass_both_physical(s
 @parametric
 def test_the_structure_does_not_depend_on_the_true_theta(config):
     theta, space = published(config)
-    one = config.simulating(DT, drawn_inside(space, theta, 0.5, np.random.default_rng(1))).system
+    one = config.simulating(DT, Prior(space, theta, 0.5).draw(np.random.default_rng(1))).system
     for other in (config.simulating(DT).system, config.build(DT, 1).system):
         assert (one.space.scale == other.space.scale).all()
         for k in range(3):

@@ -49,8 +49,7 @@ def test_every_public_name_resolves_and_is_listed():
 def test_the_log_the_multibody_systems_and_the_vehicles_are_public():
     expected = {
         "Log",
-        "Multibody",
-        "CompiledMultibody",
+        "JointTree",
         "SingleBody",
         "NullspaceIdentifier",
         "BlueROV2Plant",

@@ -15,8 +15,7 @@ from nsaid_mj.core.laws.nullspace_aid import paper_identifier
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.core.numerics.spatial import unrotate
-from nsaid_mj.core.structure.joints import JointScales
-from nsaid_mj.core.structure.multibody import CompiledMultibody
+from nsaid_mj.core.structure.joints import JointScales, JointTree
 from nsaid_mj.lab.control.signals import FourierTrajectory, Multisine
 from nsaid_mj.lab.control.vehicle_manipulator import HoverAndReach, SwimAndReach
 from nsaid_mj.lab.plants.flying_arm import flying_arm
@@ -183,7 +182,7 @@ def test_the_system_holds_no_inertia(name):
 # -- the compiled stages are the system ----------------------------------------------------------
 
 
-def branching() -> CompiledMultibody:
+def branching() -> JointTree:
     """A base with a tree of every kind of joint: an angle, on it a turn without end and a slide."""
     model, place = pin.Model(), pin.SE3.Random
     pin.seed(3)

@@ -220,7 +220,7 @@ def equal(one: tuple[State, Estimates], other: tuple[State, Estimates]) -> bool:
 def followed(laws: list[NullspaceIdentifier], log: Log) -> list[tuple[State, Estimates]]:
     """What the identifiers make of a log whose motion they share."""
     states = [law.init(log.at(0)) for law in laws]
-    return list(NullspaceIdentifier.along_together(laws, states, log, laws[0].motion(log)))
+    return list(NullspaceIdentifier.followed_together(laws, states, log, laws[0].motion(log)))
 
 
 def alone(law: NullspaceIdentifier, log: Log) -> tuple[State, Estimates]:

@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 import nsaid_mj
-from nsaid_mj.base.files import RECORDING
+from nsaid_mj.base.files import OutputFolder
 from nsaid_mj.base.findings import Finding
 from nsaid_mj.core.laws.faults import FaultEvent
 from nsaid_mj.lab.evaluation.page import print_result
@@ -82,7 +82,7 @@ def test_the_view_command_can_be_pasted_into_a_shell(capsys, tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     assert "nsaid view" not in printed(capsys)  # there is nothing to view
     for name, words in {"my [red] run": "'runs/my [red] run'", "a": "runs/a"}.items():
-        file = Path("runs") / name / RECORDING
+        file = Path("runs") / name / OutputFolder.RECORDING
         file.parent.mkdir(parents=True)
         file.touch()
         assert f"(nsaid view {words})" in printed(capsys, f"runs/{name}")

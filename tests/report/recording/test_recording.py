@@ -24,10 +24,10 @@ from nsaid_mj import (
     Scenario,
 )
 from nsaid_mj.base.errors import NotWritten
-from nsaid_mj.base.files import RECORDING, write_json
+from nsaid_mj.base.files import OutputFile, OutputFolder
 from nsaid_mj.core.laws.faults import FaultEvent
 from nsaid_mj.core.log import Log
-from nsaid_mj.core.structure.columns.curve import LINEAR, polynomial
+from nsaid_mj.core.structure.columns.curve import LINEAR
 from nsaid_mj.core.structure.joints import JointTree
 from nsaid_mj.core.structure.parts import Body, Column, Inertia
 from nsaid_mj.core.structure.structure import Structure
@@ -83,7 +83,7 @@ def vehicle(tmp_path_factory: pytest.TempPathFactory) -> SimulatedRun:
 
 def read(result: SimulatedRun) -> dict[str, dict[str, list]]:
     """Column name to values, by entity, over all of a recording's chunks."""
-    return entities_of(result.folder / RECORDING)
+    return entities_of(result.folder / OutputFolder.RECORDING)
 
 
 def test_the_recording_of_an_arm_has_every_entity(arm: SimulatedRun) -> None:
@@ -163,7 +163,7 @@ def test_rerun_verifies_the_file_and_nothing_else_is_left(
     which: str, request: pytest.FixtureRequest
 ) -> None:
     result: SimulatedRun = request.getfixturevalue(which)
-    file = result.folder / RECORDING
+    file = result.folder / OutputFolder.RECORDING
     assert subprocess.call([*viewer.program(), "rrd", "verify", str(file)]) == 0
     assert [p.name for p in result.folder.glob(".*") if p.name != ".nsaid-mj.json"] == []
 
@@ -341,7 +341,7 @@ def test_a_minute_of_recording_is_below_20_MB(arm: SimulatedRun) -> None:
     entities = read(arm)
     frames = len([t for t in entities["/robot/torque/estimated"]["sim_time"] if t is not None])
     assert frames <= 15 * arm.scenario.duration + 2
-    assert (arm.folder / RECORDING).stat().st_size < 9e6  # meshes, mostly
+    assert (arm.folder / OutputFolder.RECORDING).stat().st_size < 9e6  # meshes, mostly
 
 
 def test_the_recorded_text_states_the_result(arm: SimulatedRun) -> None:
@@ -519,7 +519,7 @@ class Sled(SecondOrderSystem):
         )
         mounts = np.array([[-1.0, 0, 0], [0, 0.5, 0], [np.nan] * 3, [1, 0, 0], [1, 0, 0]])
         x, y = np.eye(3)[:2]
-        weak = polynomial(0.02 / 9)  # at the command 9
+        weak = Column.polynomial(0.02 / 9)  # at the command 9
         columns = [
             Column("thruster", 1, body=0, input=0, point=-0.3 * y, direction=x),
             Column("thruster", 2, body=0, input=1, point=0.4 * x, direction=y),
@@ -582,7 +582,7 @@ def test_a_large_block_has_a_page_of_its_own(vehicle: SimulatedRun, arm: Simulat
 def test_the_link_of_a_failed_joint_turns_red_when_that_is_found(tmp_path: Path) -> None:
     result = run(ARM, tmp_path)
     event = FaultEvent(0.1, 0.12, "loss", "gain", ("gain_3",), 0.4, 0.3, 0.5, "1", 1.0)
-    write_json(tmp_path / FAULTS, [event.keys()])
+    OutputFile(tmp_path / FAULTS).write_json([event.keys()])
     truth = Truth.of(result)
     write_run_recording(result, evaluated(result, truth), truth)
     mesh = "Mesh3D:albedo_factor"

@@ -14,14 +14,13 @@ import numpy as np
 
 from ....core import (
     KINDS,
-    LEVEL,
     Array,
     Column,
     Kind,
     ParameterSpace,
     Rotor,
     SecondOrderSystem,
-    interpolated,
+    SingleBody,
 )
 
 # -- a tree of joints ------------------------------------------------------------------------------
@@ -180,7 +179,7 @@ MANOEUVRES = (
 against, and the unit of the force: −|u| v, −u r, −|v| v … (Abkowitz, Lectures on ship
 hydrodynamics, 1964)."""
 
-_FLAT = interpolated(np.array([0.0, 1.0]), np.ones(2))  # a curve that no command changes
+_FLAT = Column.interpolated(np.array([0.0, 1.0]), np.ones(2))  # a curve that no command changes
 
 
 def offered(system: SecondOrderSystem, name: str) -> bool:
@@ -200,7 +199,7 @@ def further_columns(
     system: SecondOrderSystem, names: frozenset[str], at: Mapping[str, int]
 ) -> Iterator[Column]:
     """The columns of `EXTRA`; `at` are the indices of parameters by name."""
-    axes = range(6) if system.group == 6 else LEVEL
+    axes = range(6) if system.group == 6 else SingleBody.LEVEL
     for name in sorted(names):
         if name == "manoeuvring":
             yield from _manoeuvring([at[parameter] for parameter in further_names(system, name)])

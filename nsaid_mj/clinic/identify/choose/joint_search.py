@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ....base import Finding
-from ....core import Array, Indices, check_consistency
+from ....core import Array, Indices
 from ....robots import RobotModel
 from ...logs.command_causes import UNCHECKED
 from ...logs.recordings import Recordings
@@ -88,7 +88,7 @@ def structured_arm(
     `robot` is a tree of joints, `recordings` are training logs, `validation` is a log excluded from
     the fit, or None; `report` is called with the name of every stage.
     """
-    check_consistency(robot.system)
+    robot.system.check_consistency()
     report("filtering")
     slow = rate_checks(recordings.rate)
     measured = recordings

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from ....base import Finding
-from ....core import Array, Column, interpolated, polynomial
+from ....core import Array, Column
 from ....lab import INTERVAL
 from .options import NUMBER, Criterion, Option, improves
 
@@ -62,7 +62,7 @@ class ThrusterCurve(NamedTuple):
     def column(self, column: Column) -> Column:
         """A thruster's column with this curve in place of the sheet's."""
         sheet = sheet_curve(column)
-        table = interpolated(_GRID, self.shares(_GRID, sheet))
+        table = Column.interpolated(_GRID, self.shares(_GRID, sheet))
         constants: dict[str, Any] = dict(column.constants) | {"curve": table}
         place = {"body": column.body, "dof": column.dof, "input": column.input}
         return Column(column.kind, column.parameter, **place, **constants)
@@ -70,7 +70,7 @@ class ThrusterCurve(NamedTuple):
 
 def sheet_curve(column: Column) -> Array:
     """The curve of a thruster's column; without one in the sheet, the command itself."""
-    return np.asarray(column.constants.get("curve", polynomial(1.0)))
+    return np.asarray(column.constants.get("curve", Column.polynomial(1.0)))
 
 
 def curve_values(curve: Array, u: Array) -> Array:

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from lxml import etree
 
-from ....base import Finding, UnknownName, pin, read_input
+from ....base import Finding, InputFile, UnknownName, pin
 from ....core import Array, ContactPoint
 from ....robots import BadRobot, MjcfFile, RobotModel
 from ...logs.mapping import ContactMap, Imu
@@ -165,7 +165,7 @@ def places_of(robot: RobotModel) -> Iterator[Place]:
     if robot.kind == "mjcf":
         yield from _of_mjcf(MjcfFile(robot.file).model, frames)
         return
-    shapes = _collisions(etree.fromstring(read_input(robot.file)))
+    shapes = _collisions(etree.fromstring(InputFile(robot.file).read()))
     for name, frame in frames.items():
         own = shapes.get(name, [])
         for placement, radius in own:

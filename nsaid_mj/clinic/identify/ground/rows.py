@@ -229,7 +229,7 @@ class GroundRows(Rows):
         """(N, n) rows near which no leg is stretched, and in which a velocity's forces appear."""
         found = []
         typical = np.median(np.concatenate([each.condition for each in self.eliminated]))
-        half = len(self.chosen.kernel) // 2
+        half = self.chosen.filter.half
         for each, motion in zip(self.eliminated, self.motions, strict=True):
             centres = self.chosen.centres(len(motion.t))
             bad = each.condition > _STRAIGHT * typical

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....base import RECORD, InvalidInput, NsaidError, check_input, opened_file, printable
+from ....base import InputFile, InvalidInput, NsaidError, OutputFolder, printable
 from ..unusable import MissingExtra, UnreadableLog
 
 LIMIT = 4.0
@@ -63,7 +63,7 @@ class Format(NamedTuple):
 
 _BAGS = (b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\x00")
 FORMATS = (
-    Format("run", "Arrow", inside=RECORD),
+    Format("run", "Arrow", inside=OutputFolder.RECORD),
     Format("lerobot", "Arrow", inside="meta/info.json"),
     Format("arrow", "Arrow", (b"PAR1", b"ARROW1", b"\xff\xff\xff\xff")),
     Format("npz", "NumPy", (b"PK\x03\x04",)),
@@ -119,9 +119,9 @@ def form_of(path: Path) -> Format:
     )
     try:
         for file in inside:
-            check_input(file)
+            InputFile(file).check()
         if not folder:
-            with opened_file(path) as stream:
+            with InputFile(path).opened() as stream:
                 head = stream.read(64)
     except OSError as error:
         reason = f"{error.filename}: {error.strerror}" if folder else f"{error.strerror}"

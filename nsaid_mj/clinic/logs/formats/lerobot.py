@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from ....base import json_of, read_input
+from ....base import InputFile, json_of
 from ..unusable import UnreadableLog
 from . import Columns
 from .arrow import flat, table_of
@@ -29,7 +29,7 @@ def read(path: Path) -> list[Columns]:
         UnreadableLog: a part of the dataset is missing, damaged or empty.
     """
     try:
-        info = json_of(read_input(path / "meta" / "info.json"))
+        info = json_of(InputFile(path / "meta" / "info.json").read())
         names = {
             key: _names(key, feature)
             for key, feature in info["features"].items()

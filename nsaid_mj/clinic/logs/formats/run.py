@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ....base import RECORD, BadRun
+from ....base import BadRun, OutputFolder
 from ....lab import Record
 from ..unusable import UnreadableLog
 from . import Columns, check_size
@@ -21,7 +21,7 @@ def read(path: Path) -> list[Columns]:
     Raises:
         UnreadableLog: the record is damaged, empty, or beyond the limit.
     """
-    file = path / RECORD if path.is_dir() else path
+    file = path / OutputFolder.RECORD if path.is_dir() else path
     check_size(file, file.stat().st_size)
     try:
         record = Record.read(path)

@@ -139,7 +139,7 @@ class ConeMetric(Metric):
                 "prior",
                 "parameters a real body could have",
                 "an estimate outside the cone",
-                "Draw it with cone.prior.drawn_inside, or use law='paper', which accepts any.",
+                "Draw it by cone.prior.Prior, or use law='paper', which accepts any.",
             )
         self._offset = self.cone.barrier(prior)
         self.cancelling = self.mu * (2 * abs(self._offset) + self.cone.degree)

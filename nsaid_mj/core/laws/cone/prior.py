@@ -13,43 +13,94 @@ _EDGE = 1e-3  # least eigenvalue of a matrix of unit diagonal to draw about
 _FREE = 0.1  # least size of a free parameter, over its scale
 
 
-def drawn_inside(
-    space: ParameterSpace, theta: Array, error: float, rng: np.random.Generator
-) -> Array:
-    """(p,) random parameters that differ from θ by about ±error, inside the cone for any error.
+class Prior:
+    """Parameters that are known up to about ±error, inside the cone of physical ones.
 
-    Positive numbers are multiplied by e^u, with u in ±error; a matrix P becomes A P Aᵀ after
-    scaling to unit diagonal, with e^{±error/2} on A's diagonal and ±error/4 off it; free blocks
-    change by ±error of their size. In a tied matrix, diagonal parameters are drawn as positive
-    numbers and the others as free ones; the latter are then reduced until the smallest eigenvalue
-    of the scaled matrix is at least e^{−error} of its former value. A θ (p,) on the cone's boundary
-    is first moved inside.
+    Args:
+        space: the parameters.
+        theta: (p,) their values. On the cone's boundary they are first moved inside.
+        error: relative error.
     """
-    cone = Cone.of(space)
-    drawn = np.array(theta, dtype=np.float64)
-    pairing = coordinates(cone)
-    for block, place in space:
-        if block.geometry == "free":
-            size = np.maximum(np.abs(theta[place]), _FREE * block.scale)
-            drawn[place] += error * size * rng.uniform(-1, 1, len(block))
-        elif block.geometry == "positive":
-            start = np.maximum(theta[place], _FLOOR * block.scale)
-            drawn[place] = start * np.exp(error * rng.uniform(-1, 1, len(block)))
-    for i, (_, _, k, _, _) in enumerate(cone.blocks):
-        if tied.py_func(cone, i):
-            _draw_tied(cone, i, space.scale, error, rng, drawn)
-            continue
-        N, balance = _scaled(cone, i, theta, space.scale)
-        A = error / 4 * rng.uniform(-1, 1, (k, k))
-        A[np.diag_indices(k)] = np.exp(error / 2 * rng.uniform(-1, 1, k))
-        read_block(cone, i, A @ N @ A.T / np.outer(balance, balance), pairing, drawn)
-    return drawn
+
+    def __init__(self, space: ParameterSpace, theta: Array, error: float):
+        self.space = space
+        self.theta = theta
+        self.error = error
+
+    def draw(self, rng: np.random.Generator) -> Array:
+        """(p,) random parameters that differ by about ±error, inside the cone for any error.
+
+        Positive numbers are multiplied by e^u, with u in ±error; a matrix P becomes A P Aᵀ after
+        scaling to unit diagonal, with e^{±error/2} on A's diagonal and ±error/4 off it; free blocks
+        change by ±error of their size. In a tied matrix, diagonal parameters are drawn as positive
+        numbers and the others as free ones; the latter are then reduced until the smallest
+        eigenvalue of the scaled matrix is at least e^{−error} of its former value.
+        """
+        space = self.space
+        theta = self.theta
+        error = self.error
+        cone = Cone.of(space)
+        drawn = np.array(theta, dtype=np.float64)
+        pairing = coordinates(cone)
+        for block, place in space:
+            if block.geometry == "free":
+                size = np.maximum(np.abs(theta[place]), _FREE * block.scale)
+                drawn[place] += error * size * rng.uniform(-1, 1, len(block))
+            elif block.geometry == "positive":
+                start = np.maximum(theta[place], _FLOOR * block.scale)
+                drawn[place] = start * np.exp(error * rng.uniform(-1, 1, len(block)))
+        for i, (_, _, k, _, _) in enumerate(cone.blocks):
+            if tied.py_func(cone, i):
+                _draw_tied(cone, i, space.scale, error, rng, drawn)
+                continue
+            N, balance = _scaled(cone, i, theta, space.scale)
+            A = error / 4 * rng.uniform(-1, 1, (k, k))
+            A[np.diag_indices(k)] = np.exp(error / 2 * rng.uniform(-1, 1, k))
+            read_block(cone, i, A @ N @ A.T / np.outer(balance, balance), pairing, drawn)
+        return drawn
+
+    def covariance(self) -> Array:
+        """(p, p) second moments of the draws about θ, of θ/scale: where the truth may be.
+
+        They are those of a truth that is drawn about θ and, up to terms of higher order in the
+        error, of a truth about which θ was drawn. They neglect the common mean of positive numbers,
+        as e^{±error} is 1 + error²/6 on average, and the reduction of tied matrices. A positive
+        number that may have been moved inside may have any smaller value as well. An error below
+        1e-6 or above 10 counts as that.
+
+        Raises:
+            InvalidInput: the error is not > 0, or θ not finite.
+        """
+        space = self.space
+        error = self.error
+        theta = space.check(self.theta)
+        if not (np.isfinite(error) and error > 0):
+            raise InvalidInput(
+                "error", "a relative error > 0", error, "Give the spread of the prior."
+            )
+        error = min(max(error, _LEAST), _MOST)
+        cone = Cone.of(space)
+        pairing = coordinates(Cone.of(space))
+        found = np.zeros((len(space),) * 2)
+        for block, place in space:
+            if block.geometry == "free":
+                size = np.maximum(np.abs(theta[place]), _FREE * block.scale)
+                found[place, place] = np.diag((error * size) ** 2 / 3)
+            elif block.geometry == "positive":
+                found[place, place] = np.diag(spread_of_numbers(theta[place], block.scale, error))
+        for i, (start, end, *_) in enumerate(cone.blocks):
+            found[start:end, start:end] = (
+                _spread_of_tied(cone, i, theta, space.scale, error)
+                if tied.py_func(cone, i)
+                else _spread_of_matrix(cone, i, theta, space.scale, error, pairing)
+            )
+        return found / np.outer(space.scale, space.scale)
 
 
 def _draw_tied(
     cone: Cone, block: int, scale: Array, error: float, rng: np.random.Generator, theta: Array
 ) -> None:
-    """Overwrites a tied block of θ (p,) with a random draw; see `drawn_inside`."""
+    """Overwrites a tied block of θ (p,) with a random draw; see `Prior.draw`."""
     start, end, _, first, last = cone.blocks[block]
     row, column, at = cone.entries[first:last].T
     on = np.unique(at[row == column])
@@ -69,40 +120,6 @@ def _smallest(cone: Cone, block: int, theta: Array) -> float:
     P = block_matrix(cone, block, theta)
     balance = 1 / np.sqrt(P.diagonal())
     return float(np.linalg.eigvalsh(P * np.outer(balance, balance))[0])
-
-
-def drawn_covariance(space: ParameterSpace, theta: Array, error: float) -> Array:
-    """(p, p) second moments of `drawn_inside` about θ (p,), of θ/scale: where the truth may be.
-
-    They are those of a truth that is drawn about θ and, up to terms of higher order in the error,
-    of a truth about which θ was drawn. They neglect the common mean of positive numbers, as
-    e^{±error} is 1 + error²/6 on average, and the reduction of tied matrices. A positive number
-    that may have been moved inside may have any smaller value as well. An error below 1e-6 or
-    above 10 counts as that.
-
-    Raises:
-        InvalidInput: the error is not > 0, or θ not finite.
-    """
-    theta = space.check(theta)
-    if not (np.isfinite(error) and error > 0):
-        raise InvalidInput("error", "a relative error > 0", error, "Give the spread of the prior.")
-    error = min(max(error, _LEAST), _MOST)
-    cone = Cone.of(space)
-    pairing = coordinates(Cone.of(space))
-    found = np.zeros((len(space),) * 2)
-    for block, place in space:
-        if block.geometry == "free":
-            size = np.maximum(np.abs(theta[place]), _FREE * block.scale)
-            found[place, place] = np.diag((error * size) ** 2 / 3)
-        elif block.geometry == "positive":
-            found[place, place] = np.diag(spread_of_numbers(theta[place], block.scale, error))
-    for i, (start, end, *_) in enumerate(cone.blocks):
-        found[start:end, start:end] = (
-            _spread_of_tied(cone, i, theta, space.scale, error)
-            if tied.py_func(cone, i)
-            else _spread_of_matrix(cone, i, theta, space.scale, error, pairing)
-        )
-    return found / np.outer(space.scale, space.scale)
 
 
 def spread_of_numbers(theta: Array, scale: Array, error: float) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -15,9 +16,9 @@ from ...parameters import Array
 from ...quotient.cone import Cone
 from ...structure.contacts import displaced_jacobians
 from ...structure.system import SecondOrderSystem
-from ..cone.prior import drawn_covariance, spread_of_numbers
+from ..cone.prior import Prior, spread_of_numbers
 from ..settings import EfficientConfig
-from .covariance import keep_above_rounding
+from .covariance import SMALL, keep_above_rounding
 from .filter import (
     COMPLETED,
     CONTRADICTED,
@@ -36,6 +37,7 @@ USUAL = 0.3
 _STAYS = 2.0  # time constant of the error of a contact's place, as a foot stands for seconds [s]
 _UNTESTED = 10**9  # samples: a window that never ends
 _LEAST_WINDOW = 10  # samples over which innovations are tested, at least
+_PIECE = 25  # rows between two rests of a replay
 _INDEFINITE = 1e-13  # least eigenvalue over the largest, of a P_θθ that rounding made indefinite
 
 
@@ -46,6 +48,14 @@ class Stretch(NamedTuple):
     completed: bool  # whether that is the log's last
     contradicted: bool  # whether the innovations there are larger than chance allows
     rounded: bool  # whether rounding errors made the covariance indefinite there
+
+
+class Replay(NamedTuple):
+    """A log followed by the filter alone."""
+
+    contradictions: tuple[float, ...]  # times of significantly large innovations [s]
+    along: Along  # the filter's outputs
+    filter: FilterState  # at the end
 
 
 class KalmanFilter:
@@ -123,7 +133,7 @@ class KalmanFilter:
 
         Limbs that only the base connects also differ in their scale, by as much as one number.
         """
-        spread = drawn_covariance(self.system.space, theta, self._prior_error)
+        spread = Prior(self.system.space, theta, self._prior_error).covariance()
         parts = self.constants.parts
         if len(parts) > 1:
             own = parts * theta / self.constants.scale
@@ -151,6 +161,39 @@ class KalmanFilter:
             shifts *= np.sqrt(2 * _STAYS)
         last, end = follow_filter(self.constants, state, *log, J, shifts, along)
         return Stretch(last, end == COMPLETED, end == CONTRADICTED, end == ROUNDED)
+
+    def replay(
+        self, theta: Array, P: Array, log: Log, rest: Callable[[], None] | None = None
+    ) -> Replay:
+        """Follows a log of N measurements from θ̂ (p,) with P_θθ (p, p) of θ̂/scale.
+
+        Where the innovations are significantly large, the filter restarts from both. `rest`, if
+        any, is called after every 25 rows: a thread of a live program must not hold up its loop.
+        """
+        count = len(log.t)
+        piece = _PIECE if rest else count
+        kalman = self.at(log.q[0], log.v[0], theta, P)
+        along = Along.empty(count, log.v.shape[1], len(theta))
+        times = list[float]()
+        at = 0
+        while at < count - 1:
+            stretch = self.follow(kalman, log.part(at, at + piece + 1), along.part(at))
+            at += stretch.last
+            if stretch.rounded:
+                self.repair(kalman, log.at(at))
+            elif stretch.contradicted:
+                times.append(float(log.t[at]))
+                kalman.theta[:] = theta
+                kalman.Ptt[:] = P
+                self.restart(kalman, log.at(at))
+            if rest:
+                rest()
+        return Replay(tuple(times), along, kalman)
+
+    @staticmethod
+    def sizes(theta: Array, scale: Array) -> Array:
+        """(p,) sizes of θ (p,) over the scale (p,), to which relative changes refer."""
+        return np.maximum(np.abs(theta / scale), SMALL)
 
     def innovations(self, state: FilterState, log: Log) -> Array:
         """(N, 2n) normalised innovations along a log of N samples, without a test of them.

@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from ....base import beside
 from ...log import Log, Measurement
+from ...numerics.threads import beside
 from ...quotient.cost import Remembered
 from ...structure.system import checked
 from ..base import Confidence, Estimates, Identifier, State, Status
@@ -29,7 +29,7 @@ from ..nullspace_aid import NullspaceIdentifier
 from .estimator import KalmanFilter
 from .filter import Along
 from .state import EfficientState
-from .supervision import ChosenBy, Supervision
+from .supervision import Supervision
 from .supervisor import Supervisor
 
 _WORSE = 2.0  # largest ratio of the filter's mean residual to the memory's
@@ -276,9 +276,9 @@ class EfficientIdentifier(Identifier):
         assert memory is not None
         if not kalman.tally[0]:
             return False
-        if supervision.chosen_by is ChosenBy.filter:
+        if supervision.chosen_by == "filter":
             return True
-        if supervision.chosen_by is ChosenBy.unchanged or supervision.trying:
+        if supervision.chosen_by == "unchanged" or supervision.trying:
             return state.handed
         remembered = Remembered.of(memory.means, self.system.space)
         changed = supervision.returns + state.restarts > 0

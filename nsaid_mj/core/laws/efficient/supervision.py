@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from enum import Enum
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -11,14 +10,6 @@ from ...parameters import Array
 from ...structure.system import SecondOrderSystem
 from ..faults import FaultEvent
 from .signals import Signals
-
-
-class ChosenBy(Enum):
-    """What decides whether the law returns the filter's θ̂ or the memory's."""
-
-    residuals = "their mean residuals on the remembered data"
-    unchanged = "nothing, as the memory averages over a change: whichever was returned before"
-    filter = "the supervisor: the filter's, as the gains drift"
 
 
 class Supervision(NamedTuple):
@@ -29,7 +20,10 @@ class Supervision(NamedTuple):
     # reversed, 0 if it is stuck
     factors: Array
     walk: Array  # (p,) variance that θ, relative to itself, gains per second [1/s]; 0 if constant
-    chosen_by: ChosenBy = ChosenBy.residuals
+    # what decides whether the law returns the filter's θ̂ or the memory's: their mean `residuals` on
+    # the remembered data; nothing, as the memory averages over a change, so that the choice is
+    # `unchanged`; or the supervisor, who wants the `filter`'s, as the gains drift
+    chosen_by: Literal["residuals", "unchanged", "filter"] = "residuals"
     trying: bool = False  # whether the filter rests while explanations of a contradiction are tried
     stale: bool = False  # whether the memory's data precede a change; the law then begins it anew
     returns: int = 0  # how often the filter went on from an earlier estimate, a part of it free

@@ -7,8 +7,3 @@ KINDS: dict[str, Kind] = {
     kind.name: kind for file in (joint, fluid, thrust, wheels) for kind in file.KINDS
 }
 """All kinds of columns, by name."""
-
-DRAG_AND_LIFT = frozenset(
-    kind.name for kind in (*fluid.KINDS, *thrust.KINDS) if kind.reads == "velocity"
-)
-"""Names of the kinds of force that a flow exerts on a moving body."""

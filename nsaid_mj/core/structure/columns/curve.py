@@ -1,9 +1,7 @@
 """Command curves of actuators: the share of its gain that a command gives."""
 
-import numpy as np
-
 from ...numerics.kernels import f8, index, routine, vector
-from ...parameters import Array
+from ..parts import Column
 
 
 @routine(f8(vector, index, f8))
@@ -31,16 +29,6 @@ def follow_curve(c, at, u):
     return c[last - count]
 
 
-def polynomial(*coefficients: float) -> Array:
-    """A curve by its coefficients of u, u|u|, u³, u³|u| and so on."""
-    return np.array([len(coefficients), *coefficients])
-
-
-def interpolated(commands: Array, values: Array) -> Array:
-    """A curve through `values` at increasing commands; constant beyond the ends."""
-    return np.array([-len(commands), *commands, *values])
-
-
-LINEAR = polynomial(1.0)
-SQUARED = polynomial(0.0, 1.0)
+LINEAR = Column.polynomial(1.0)
+SQUARED = Column.polynomial(0.0, 1.0)
 """The curves u, and u|u| of a rotor whose command is its speed."""

@@ -4,13 +4,10 @@ The adaptive ones solve W(t, x, v_r, v̇_r, u) θ̂ = K_d s: Slotine and Li (IJR
 cone's metric and with constant Γ, and certainty equivalence with an identifier's estimate.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import boolean, f8, types, void
 
 from ....core import (
     Array,
@@ -18,8 +15,6 @@ from ....core import (
     ConstantMetric,
     Metric,
     ParameterSpace,
-    copy_into,
-    kernel_for,
 )
 from .reference import PriorMotion, loop_frequency
 
@@ -36,19 +31,15 @@ class ControllerEstimate:
     """
 
     def __init__(self, prior: Array, metric: Metric | None = None):
-        self.metric, self._prior = metric, np.array(prior, dtype=np.float64)
-        if metric is not None:
-            self._begin, self._descend = adaptation_in(type(metric))
-            first, second, ahead, guess = np.empty((4, len(prior)))
-            self._work = Descent(first, second, ahead, guess), metric.workspace()
+        self.metric = metric
+        self._prior = np.array(prior, dtype=np.float64)
         self.reset()
 
     def reset(self) -> None:
         """Returns to the prior."""
         self.theta = self._prior.copy()
         if self.metric is not None:
-            self._eta = np.empty(len(self.theta))
-            self._begin(self.metric.numbers, self._work[1], self.theta, self._eta)
+            self._descent = self.metric.descent(self.theta)
 
     def learn(self, slope: Array, step: float) -> None:
         """Integrates the adaptation from sample to sample, `step` [s], with −Wᵀ s (p,) half-way.
@@ -56,73 +47,7 @@ class ControllerEstimate:
         θ̂ is unchanged if that is not finite.
         """
         if self.metric is not None:
-            theta = np.empty(len(self.theta))
-            numbers = self.metric.numbers
-            eta = self._eta
-            if self._descend(numbers, *self._work, slope, step, eta, self.theta, theta):
-                self.theta = theta
-
-
-class Descent(NamedTuple):
-    """Workspace of `descend`."""
-
-    first: Array  # (p,) rate at the start
-    second: Array  # (p,) rate after a first step
-    ahead: Array  # (p,) η after it
-    guess: Array  # (p,) θ̂ after it
-
-
-_DESCENT = types.NamedUniTuple(f8[::1], 4, Descent)
-
-# names of a metric's compiled functions in the text below, to which `adaptation_in` gives a meaning
-enter: Any = None
-leave: Any = None
-adapt: Any = None
-hold: Any = None
-
-
-def begin(numbers, own, theta, eta):
-    """Writes the metric's coordinates η (p,) of θ̂ (p,)."""
-    enter(numbers, theta, eta, own)
-
-
-def descend(numbers, work, own, slope, step, eta, theta, moved):
-    """A step of Heun's method in a metric's coordinates; returns whether it is finite.
-
-    `own` is the metric's workspace, `slope` (p,) is −Wᵀ s and `step` a time [s]. η of θ̂ (p,) is
-    moved in place, unless the step fails; `moved` receives θ̂ (p,) at its end.
-    """
-    first, second, ahead, guess = work
-    p = eta.shape[0]
-    adapt(numbers, eta, theta, slope, first, own)
-    for i in range(p):
-        ahead[i] = eta[i] + step * first[i]
-    hold(numbers, eta, ahead, own)
-    leave(numbers, ahead, guess, own)
-    adapt(numbers, ahead, guess, slope, second, own)
-    for i in range(p):
-        ahead[i] = eta[i] + 0.5 * step * (first[i] + second[i])
-    hold(numbers, eta, ahead, own)
-    leave(numbers, ahead, moved, own)
-    for i in range(p):
-        if not np.isfinite(moved[i]):
-            return False
-    copy_into(ahead, eta)
-    return True
-
-
-@cache
-def adaptation_in(kind: type[Metric]) -> tuple[Callable[..., None], Callable[..., bool]]:
-    """`begin` and `descend` in a kind of metric."""
-    metric = kind.compiled
-    numbers = metric.numbers
-    own = metric.workspace
-    start = void(numbers, own, f8[::1], f8[::1])
-    step = boolean(numbers, _DESCENT, own, f8[::1], f8, f8[::1], f8[::1], f8[::1])
-    return (
-        kernel_for(kind, start, begin, enter=metric.enter),
-        kernel_for(kind, step, descend, leave=metric.leave, adapt=metric.adapt, hold=metric.hold),
-    )
+            self.theta = self._descent.step(self.theta, slope, step)
 
 
 class Demand(NamedTuple):

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ....base import NonNegative, Positive, PositiveShare, Tones, config
+from ....base import NonNegative, Positive, PositiveShare, config
 from ....core import Array, Measurement
+from ...fields import Tones
 from ..driver import DriverConfig, InformedDriver
 
 if TYPE_CHECKING:

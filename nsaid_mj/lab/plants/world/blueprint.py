@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ....base import InvalidInput, Name, Share, config
+from ....base import InvalidInput, config
 from ....core import Array, Block, Inertia, Operation, Term
 from ....robots import VehicleFiles, folder, vehicle_files
+from ...fields import Share
 from .body import BODY, JOINTS, BodyInertia, command_inputs, hidden, vehicle_spec
 from .config import KnownPlant
 from .mismatch import Mismatch
@@ -196,7 +197,7 @@ class VehiclePlant(BodyPlant, ABC):
     sheet: ClassVar[Any] = _SheetOfFamily()
     """The type of its data sheet."""
 
-    vehicle: Name
+    vehicle: str
     spread: Share = 0.2
 
     @property

@@ -22,7 +22,7 @@ from llvmlite import binding as llvm
 from numba import boolean, carray, f8, i8, types
 from numba.extending import intrinsic
 
-from ....core import helper, kernel
+from ....core import kernel, routine
 
 WORDS = 1 << 15
 """Number of 8-byte words of mjData to search; its pointers are near word 20,000 in MuJoCo 4.0."""
@@ -90,7 +90,7 @@ NUMBERS = types.CPointer(f8)
 INDICES = types.CPointer(i8)
 
 
-@helper(f8[::1](types.uintp, i8, i8), _nrt=True)
+@routine(f8[::1](types.uintp, i8, i8), _nrt=True)
 def vector_of(user, layout, k):
     """Part k of float64 userdata at an address, as an array of numbers.
 
@@ -103,7 +103,7 @@ def vector_of(user, layout, k):
     return array_at(pointer(at, NUMBERS), i8(parts[own + 1]))
 
 
-@helper(f8[:, ::1](types.uintp, i8, i8), _nrt=True)
+@routine(f8[:, ::1](types.uintp, i8, i8), _nrt=True)
 def matrix_of(user, layout, k):
     """Part k of float64 userdata at an address, as a matrix; see `vector_of` for `layout`."""
     parts = array_at(pointer(user, NUMBERS), WORDS)
@@ -112,7 +112,7 @@ def matrix_of(user, layout, k):
     return array_at(pointer(at, NUMBERS), (i8(parts[own + 1]), i8(parts[own + 2])))
 
 
-@helper(i8[:, ::1](types.uintp, i8, i8), _nrt=True)
+@routine(i8[:, ::1](types.uintp, i8, i8), _nrt=True)
 def table_of(user, layout, k):
     """Part k of userdata at an address, as a table of indices; see `vector_of` for `layout`."""
     parts = array_at(pointer(user, NUMBERS), WORDS)
@@ -125,7 +125,7 @@ _LARGEST = float(mujoco.mjMAXVAL)
 """Magnitude of a control from which MuJoCo applies none."""
 
 
-@helper(boolean(f8[::1]))
+@routine(boolean(f8[::1]))
 def accepted(u):
     """Whether MuJoCo applies the controls: it checks them next, warns of them and zeroes them."""
     for i in range(u.shape[0]):  # noqa: SIM110 (compiled)

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from numba import f8, i8, types, void
 
-from ....core import Array, Indices, cross, kernel, quaternion_of, rotate, rotation
+from ....core import Array, Indices, kernel, quaternion_of, rotate, rotation
 
 
 class Reading(NamedTuple):
@@ -265,10 +265,12 @@ def _seen_from_above(pose, qvel):
     """Position and velocity as `LevelMap.read` returns them, from qpos (7,) and qvel (6,)."""
     attitude = (pose[4], pose[5], pose[6], pose[3])
     ahead = rotate(attitude, (1.0, 0.0, 0.0))
-    turning = cross(rotate(attitude, qvel[3:]), ahead)
+    omega = rotate(attitude, qvel[3:])
+    x = omega[1] * ahead[2] - omega[2] * ahead[1]  # of ω × ahead
+    y = omega[2] * ahead[0] - omega[0] * ahead[2]
     length = np.hypot(ahead[0], ahead[1])
     c = ahead[0] / length
     s = ahead[1] / length
-    yaw_rate = (ahead[0] * turning[1] - ahead[1] * turning[0]) / length**2
+    yaw_rate = (ahead[0] * y - ahead[1] * x) / length**2
     numbers = np.array([pose[0], pose[1], np.arctan2(s, c)])
     return numbers, np.array([c * qvel[0] + s * qvel[1], c * qvel[1] - s * qvel[0], yaw_rate])

@@ -24,12 +24,11 @@ from ....core import (
     STRUCTURE,
     WORKSPACE,
     Array,
-    Structure,
+    SecondOrderSystem,
     StructureArrays,
     Workspace,
     act,
     act_on_joints,
-    helper,
     kernel,
     routine,
     solve_positive,
@@ -71,7 +70,7 @@ _rne = c_function("mj_rne", types.uintp, types.uintp, types.intc, types.uintp)
 class ColumnForces:
     """The forces on a plant beyond MuJoCo's."""
 
-    structure: Structure  # structure of the plant
+    system: SecondOrderSystem  # the plant's
     theta: Array  # (p,) the true θ, with 0 for parameters of MuJoCo's own bodies or actuators
     flow: Array  # (3,) velocity of the water or the air in the world [m/s]
 
@@ -88,24 +87,24 @@ class ColumnForces:
         head = [
             places[-1],
             lagged,
-            self.structure.n_u,
-            self.structure.has_added_inertia(self.theta),
+            self.system.n_u,
+            self.system.structure.has_added_inertia(self.theta),
             *self.flow,
             reading.group,
             reading.free[0],
-            self.structure.acts_on_bodies(self.theta),
+            self.system.structure.acts_on_bodies(self.theta),
         ]
         flat = [np.ascontiguousarray(part).ravel().view(np.float64) for part in parts]
         return np.concatenate([head, np.ravel(layout), *flat], dtype=np.float64)
 
     def _parts(self, dofs: Any) -> list[Any]:
         """The parts of the userdata, with the places of all velocities (n, 4)."""
-        n = self.structure.n
-        work, slopes = self.structure.memory()
-        own = [np.zeros(size) for size in (self.structure.m, n, n, 9, n, n, (n, n), (n, n))]
+        n = self.system.n
+        work, slopes = self.system.structure.memory()
+        own = [np.zeros(size) for size in (self.system.m, n, n, 9, n, n, (n, n), (n, n))]
         theta = np.array(self.theta, dtype=np.float64)
         return [
-            *self.structure.acting_arrays(theta),
+            *self.system.structure.acting_arrays(theta),
             dofs,
             theta,
             *own,
@@ -117,14 +116,16 @@ class ColumnForces:
     @property
     def size(self) -> int:
         """Length of `numbers`."""
-        parts = self._parts(np.zeros((self.structure.n, 4), dtype=np.int64))
+        parts = self._parts(np.zeros((self.system.n, 4), dtype=np.int64))
         return _HEADER + sum(part.size for part in parts)
 
     @property
     def gain_places(self) -> list[list[int]]:
         """For every command, the indices in `numbers` of its actuator's parameters."""
-        start = _HEADER + sum(part.size for part in self.structure.arrays) + 4 * self.structure.n
-        return [[start + k for k in own] for own in self.structure.gains_of_commands()]
+        start = (
+            _HEADER + sum(part.size for part in self.system.structure.arrays) + 4 * self.system.n
+        )
+        return [[start + k for k in own] for own in self.system.structure.gains_of_commands()]
 
 
 class _ForceWorkspace(NamedTuple):
@@ -145,7 +146,7 @@ class _ForceWorkspace(NamedTuple):
 _MEMORY = types.NamedTuple((f8[::1],) * 6 + (f8[:, ::1],) * 2 + (f8[::1],) * 2, _ForceWorkspace)
 
 
-@helper(void(f8[::1], f8[::1], f8[::1], f8))
+@routine(void(f8[::1], f8[::1], f8[::1], f8))
 def _into_base(d, R, v, sign):
     """Adds the flow times a sign to the base's velocity in v (n,), and turns it into its axes."""
     size = 3 if d[_GROUP] == 6 else 2 if d[_GROUP] == 3 else 0
@@ -156,7 +157,7 @@ def _into_base(d, R, v, sign):
         v[i] = R[i] * x + R[3 + i] * y + R[6 + i] * z
 
 
-@helper(void(f8[::1], f8[::1], f8[::1]))
+@routine(void(f8[::1], f8[::1], f8[::1]))
 def _into_world(d, R, x):
     """Turns the base's linear part of a force x (n,) from its axes into the world's."""
     size = 3 if d[_GROUP] == 6 else 2 if d[_GROUP] == 3 else 0
@@ -168,7 +169,7 @@ def _into_world(d, R, x):
             x[i] = R[3 * i] * a + R[3 * i + 1] * b + R[3 * i + 2] * c
 
 
-@helper(void(f8[::1], i8[:, ::1], f8[::1], f8[::1], _MEMORY))
+@routine(void(f8[::1], i8[:, ::1], f8[::1], f8[::1], _MEMORY))
 def _read(d, dofs, qpos, qvel, own):
     """Writes q, both velocities and the base's axes, from MuJoCo's state."""
     q = own.q
@@ -196,7 +197,7 @@ def _read(d, dofs, qpos, qvel, own):
     _into_base(d, R, own.ground, 0.0)
 
 
-@helper(void(f8[::1], i8[:, ::1], WORKSPACE, _MEMORY))
+@routine(void(f8[::1], i8[:, ::1], WORKSPACE, _MEMORY))
 def _push(d, dofs, work, own):
     """Overwrites F θ − C_A v_r with M q̈ + bias, both of the base in the world's axes.
 

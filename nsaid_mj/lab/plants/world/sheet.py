@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Self, get_args, get_origin
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
-from ....base import InvalidInput, UnknownName, read_input
+from ....base import InputFile, InvalidInput, UnknownName
 from ....core import Array
 from ....robots import asset, packed_vehicles, vehicle_files
 
@@ -145,7 +145,7 @@ class Sheet(SheetTable):
 def _read(path: Path) -> dict[str, Any]:
     """The tables of a sheet; raises `InvalidInput` if it is no readable TOML."""
     try:
-        return tomllib.loads(read_input(path).decode())
+        return tomllib.loads(InputFile(path).read().decode())
     except (ValueError, RecursionError) as error:  # not TOML, not UTF-8, or 5000 digits
         raise InvalidInput(str(path), "a TOML file in UTF-8", error, _REMEDY) from error
     except OSError as error:
@@ -206,7 +206,7 @@ def _incomplete(
     sheet: type[Sheet], path: Path, missing: Sequence[tuple[int | str, ...]]
 ) -> InvalidInput:
     """The error about several missing keys."""
-    own = tomllib.loads(read_input(path).decode()).get("mass")
+    own = tomllib.loads(InputFile(path).read().decode()).get("mass")
     sheets = [name for name in packed_vehicles() if asset(name, "vehicle.toml").is_file()]
     known = [name for name in sheets if _content(name).get("kind") == sheet.family]
     known.sort(key=lambda name: _apart(own, _content(name).get("mass")))
@@ -236,7 +236,7 @@ def _apart(own: Any, other: Any) -> float:
 
 def _content(vehicle: str) -> dict[str, Any]:
     """The tables of an included vehicle's sheet."""
-    return tomllib.loads(read_input(vehicle_files(vehicle).sheet).decode())
+    return tomllib.loads(InputFile(vehicle_files(vehicle).sheet).read().decode())
 
 
 def _at(table: Any, places: Sequence[int | str]) -> Any:

@@ -82,7 +82,7 @@ class SimulatedRobot(Plant):
     ):
         self.system = system
         self._truth = truth
-        forces = ColumnForces(system.structure, acting, np.array(mismatch.flow))
+        forces = ColumnForces(system, acting, np.array(mismatch.flow))
         self.passive = column_forces()
         self.gain_places = forces.gain_places
         spec.nuserdata = forces.size

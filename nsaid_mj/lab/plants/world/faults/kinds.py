@@ -14,16 +14,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from .....base import (
-    Config,
-    InvalidInput,
-    Name,
-    NonNegative,
-    Number,
-    Positive,
-    UnknownName,
-    config,
-)
+from .....base import Config, InvalidInput, NonNegative, Number, Positive, UnknownName, config
 from .....core import Array, Indices
 
 if TYPE_CHECKING:
@@ -206,7 +197,7 @@ class Friction(PlantFault):
     """
 
     by: Positive = 1.0
-    parameter: Name = "viscous_1"
+    parameter: str = "viscous_1"
 
     def added(self, system: SecondOrderSystem) -> Array:
         """`by` at the parameter."""
@@ -241,19 +232,15 @@ class Payload(PlantFault):
 
     mass: Positive = 1.0
     place: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
-    link: Name = ""
+    link: str = ""
 
     def added(self, system: SecondOrderSystem) -> Array:
         """The inertial parameters of a point mass; in water also its weight and moment."""
-        from .....core import PointMasses
-
-        return PointMasses(system.space).change(self.mass, np.array(self.place), self.link)
+        return system.point_masses.change(self.mass, np.array(self.place), self.link)
 
     def what(self, system: SecondOrderSystem) -> str:
         """Such as `1 kg on link 6 is picked up`."""
-        from .....core import PointMasses
-
-        return f"{self.mass:g} kg on {self.link or PointMasses(system.space).carrier} is picked up"
+        return f"{self.mass:g} kg on {self.link or system.point_masses.carrier} is picked up"
 
 
 # -- sensors ---------------------------------------------------------------------------------------

@@ -1,116 +1,31 @@
-"""Trees of joints with the structure's regressors, or with Pinocchio's, the reference."""
+"""The regressors of a tree's links by Pinocchio: the reference of the structure's, and slower."""
 
 from __future__ import annotations
 
 import ctypes
 import weakref
+from typing import Any
 
 import numpy as np
 
-from ...base import EnginesDisagree, pin
+from ...base import pin
 from ..log import Log
 from ..numerics.spatial import bracket
 from ..parameters import Array
-from .joints import Carrier, JointScales, JointTree
 from .motion import Motion, Outside
 
-AGREEMENT = 1e-10
-"""Largest accepted difference from Pinocchio, relative to the largest entry."""
 DIFFERENCE = 1e-5
 """Step of central differences along v [s·(1 + |v|)]."""
-_SAMPLES = 20  # random states at which both are compared
 _REGRESSOR = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)
 
 
-class CompiledMultibody(JointTree):
-    """A `JointTree` whose regressors are the structure's: Pinocchio's numbers, much faster.
-
-    Without thrusters they are compared with Pinocchio's `computeJointTorqueRegressor`, `crba` and
-    `nonLinearEffects` on construction. Arguments are those of `JointTree`.
-
-    Raises:
-        EnginesDisagree: the structure and Pinocchio differ by more than `AGREEMENT`.
-    """
-
-    def __init__(
-        self,
-        model: pin.Model,
-        scales: JointScales,
-        friction_speed: Array,
-        carrier: Carrier | None = None,
-    ):
-        super().__init__(model, scales, friction_speed, carrier)
-        if carrier is None:
-            check_consistency(self)
-
-
-def check_consistency(system: JointTree) -> None:
-    """Compares the regressors of a structure with Pinocchio's at random states.
-
-    This includes the torque regressor of the links and, under random physical inertias, the mass
-    matrix and the bias forces.
-
-    Raises:
-        EnginesDisagree: they differ by more than `AGREEMENT` of the largest entry.
-    """
-    rng = np.random.default_rng(0)
-    model = pin.Model(system.model)
-    links = 10 * system.bodies
-    theta = np.zeros(system.p)
-    for i in range(1, model.njoints):
-        model.inertias[i] = pin.Inertia.Zero()
-        model.inertias[i].mass = rng.uniform(0.5, 2.0)
-        model.inertias[i].lever = rng.uniform(-0.3, 0.3, 3)
-        moments = rng.uniform(0.05, 0.1, 3)
-        model.inertias[i].inertia = np.diag(moments)
-        theta[10 * (i - 1) : 10 * i] = model.inertias[i].toDynamicParameters()
-    data = model.createData()
-    still = np.zeros(system.n)
-    for _ in range(_SAMPLES):
-        q, v, _ = system.random_state(rng)
-        a = rng.uniform(-1, 1, system.n)
-        u = np.zeros(system.n_u)
-        regressor = pin.computeJointTorqueRegressor(model, data, q, v, a)
-        mass = pin.crba(model, data, q)
-        bias = pin.nonLinearEffects(model, data, q, v)
-        ours = system._W(0.0, q, v, v, a, u)[:, :links]
-        ours_bias = system._W(0.0, q, v, v, still, u)[:, :links]
-        for quantity, own, theirs in (
-            ("torque regressor", ours, regressor.reshape(system.n, links)),
-            ("mass matrix", system._mass_tensor(q) @ theta, np.triu(mass) + np.triu(mass, 1).T),
-            ("bias force", ours_bias @ theta[:links], bias),
-        ):
-            apart = float(np.max(np.abs(own - theirs)) / max(np.max(np.abs(theirs)), 1e-300))
-            if not apart <= AGREEMENT:
-                worst = int(np.argmax(np.max(np.abs(own - theirs).reshape(system.n, -1), axis=1)))
-                joint = max(j.id for j in list(model.joints)[1:] if j.idx_v <= worst)
-                raise EnginesDisagree(
-                    model.name,
-                    f"joint {model.names[joint]}",
-                    quantity,
-                    apart,
-                    AGREEMENT,
-                    ("The compiled structure", "Pinocchio"),
-                    "Use --backend pinocchio.",
-                )
-
-
-class Multibody(JointTree):
-    """A `JointTree` whose links have Pinocchio's regressors, without a vehicle: the reference.
-
-    It is slower. Rotors and the forces on joints are the structure's. Arguments are those of
-    `JointTree`.
-    """
-
-    def __init__(self, model: pin.Model, scales: JointScales, friction_speed: Array):
-        super().__init__(model, scales, friction_speed)
-        self.reference = PinocchioLinks(self)
-
-
 class PinocchioLinks:
-    """The regressors of a tree's links by Pinocchio."""
+    """The regressors of a tree's links by Pinocchio.
 
-    def __init__(self, system: JointTree):
+    `system` is a `JointTree`, which imports this module.
+    """
+
+    def __init__(self, system: Any):
         self._system = system
         self._links = 10 * system.bodies
         light = pin.Model(system.model)
