@@ -123,7 +123,7 @@ def followed(name: str, seed: int, faults: str, duration: float) -> Followed:
 
 def actuator(name: str, seed: int) -> int:
     """The actuator that fails under a seed, counted from 1; all take their turns."""
-    return 1 + seed % {"ur5": 6, "bluerov2": 8, "crazyflie": 4}.get(name, 1)
+    return 1 + seed % {"ur5": 6, "bluerov2": 8, "crazyflie": 4, "quadruped": 12}.get(name, 1)
 
 
 def tabulated(heads: str, rows: Sequence[Sequence[object]]) -> None:

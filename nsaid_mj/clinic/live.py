@@ -12,13 +12,16 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import numpy as np
 import orjson
 from numpy.typing import ArrayLike
 
 from ..base import BadRun, InvalidInput
 from .identify.measured import LiveRobot, measured_scenario
+from .identify.models import load_robot_model
 from .logs.stream import sample_of
 from .session import LiveEstimate, Session
+from .walking import SAMPLE, walking_sample
 
 _START = "from nsaid_mj.cli.commands import run_from_shell; run_from_shell()"
 _REMEDY = "See the message above; what was recorded is in the folder."
@@ -44,7 +47,10 @@ def live(
             for t, q, v, u in robot:
                 estimate = identifier.update(t, q, v, u)
 
-    The law runs in a separate process, `nsaid live`, so that it never delays the user's loop.
+    The law runs in a separate process, `nsaid live`, so that it never delays the user's loop. Of a
+    robot that stands and walks, pass the readings of its IMU to `update`: its samples are then
+    identified together, as by `identify`, each time there are half as many more; `law`, `rate`,
+    `noise`, `prior_error` and `gain` are then not used.
 
     Args:
         model: path of a URDF, MJCF or vehicle's TOML file, or the name of a robot or vehicle.
@@ -74,7 +80,9 @@ def live(
         flags += [flag, value] if value else []
     flags += [] if gain is None else ["--gain", repr(gain)]
     flags += [] if out is None else ["--out", str(out)]
-    return LiveIdentifier(session, [*flags, *(["--view"] if view else [])])
+    flags += ["--view"] if view else []
+    file = load_robot_model(str(model), tuple(lock), tuple(joints) or None)
+    return LiveIdentifier(session, flags, len(file.joints) if file.walks else 0)
 
 
 class LiveIdentifier:
@@ -86,8 +94,12 @@ class LiveIdentifier:
         summary: the run's summary.json; empty before the context has ended.
     """
 
-    def __init__(self, session: Session, flags: list[str]):
+    def __init__(self, session: Session, flags: list[str], legged: int = 0):
+        """`legged` is the number of joints of a robot that may walk, 0 of others."""
         self._system = session.robot.system
+        self._legged = legged
+        self._with_imu: bool | None = None  # the samples; None before the first
+        self._head: dict[str, Any] = {}
         self._flags, self._unsent, self._unread = flags, bytearray(), b""
         self._process: subprocess.Popen[bytes] | None = None
         self.estimate: LiveEstimate | None = None
@@ -96,6 +108,8 @@ class LiveIdentifier:
 
     def __enter__(self) -> LiveIdentifier:
         """Starts the law's process, and waits until it is ready.
+
+        Whether a robot that may walk does is known from its first sample; it is not waited for.
 
         Raises:
             BadRun: it has failed; its message is on the standard error.
@@ -113,9 +127,10 @@ class LiveIdentifier:
         self._taken = process.stdout
         for pipe in (self._given, self._taken):
             os.set_blocking(pipe.fileno(), False)
-        self._exchange_until(lambda: self.folder is not None)
-        if self.folder is None:
-            self._check()
+        if not self._legged:
+            self._exchange_until(lambda: self.folder is not None)
+            if self.folder is None:
+                self._check()
         return self
 
     @property
@@ -124,7 +139,9 @@ class LiveIdentifier:
         assert self._process is not None
         return self._process.pid
 
-    def update(self, t: float, q: ArrayLike, v: ArrayLike, u: ArrayLike) -> LiveEstimate | None:
+    def update(
+        self, t: float, q: ArrayLike, v: ArrayLike, u: ArrayLike, imu: ArrayLike | None = None
+    ) -> LiveEstimate | None:
         """Passes on a sample, and returns the newest estimate without waiting.
 
         It is usually that of the sample before; `estimate.t` is the time of its sample. A sample
@@ -135,20 +152,42 @@ class LiveIdentifier:
             q: (m,) positions [rad or m]; for a vehicle position, quaternion (x, y, z, w), joints.
             v: (n,) velocities [rad/s or m/s]; for a vehicle along its own axes.
             u: (n_u,) commands, held from t until the next sample.
+            imu: of a robot that stands and walks, (7,) or (10,) readings of its IMU: orientation
+                (w, x, y, z), angular velocity [rad/s] and, if measured, specific force [m/s²]; q
+                and v are then (k,) those of its joints. None if its base is held.
 
         Returns:
             The newest estimate; None before the first.
 
         Raises:
-            InvalidInput: a shape is wrong.
+            InvalidInput: a shape is wrong, or only some of the samples have an `imu`.
             BadRun: the law's process has failed; its message is on the standard error.
         """
-        at, *parts = sample_of(self._system, t, q, v, u)
-        found = {"t": at} | dict(zip("qvu", parts, strict=True))
+        found = self._checked(t, q, v, u, imu)
         self._unsent += orjson.dumps(found, option=_LINE)
         if self._process is None or self._process.returncode is not None or not self._exchange():
             self._check()
         return self.estimate
+
+    def _checked(
+        self, t: float, q: ArrayLike, v: ArrayLike, u: ArrayLike, imu: ArrayLike | None
+    ) -> dict[str, Any]:
+        """A sample as it is sent."""
+        given = imu is not None
+        if self._with_imu not in (None, given):
+            expected = "all samples with it, or none"
+            raise InvalidInput("imu", expected, "a sample of the other kind", _KINDS)
+        if imu is None:
+            at, *parts = sample_of(self._system, t, q, v, u)
+            found = {"t": at} | dict(zip("qvu", parts, strict=True))
+        elif self._legged:
+            walking_sample(self._legged, t, q, v, u, imu)
+            parts = (np.asarray(part, dtype=np.float64) for part in (q, v, u, imu))
+            found = {"t": float(t)} | dict(zip(SAMPLE[1:], parts, strict=True))
+        else:
+            raise InvalidInput("imu", "a robot that stands and walks", "another robot", _KINDS)
+        self._with_imu = given
+        return found
 
     def wait(self, samples: int, timeout: float = 60.0) -> LiveEstimate | None:
         """Waits until the law has used so many samples, `timeout` [s] at most.
@@ -212,21 +251,24 @@ class LiveIdentifier:
         except BlockingIOError:
             piece = None
         *lines, self._unread = self._unread.split(b"\n")
-        for line in lines[-2:]:  # the summary follows the last estimate
+        # the summary follows the last estimate
+        for line in lines if self.folder is None else lines[-2:]:
             self._take(orjson.loads(line))
         return piece is None
 
     def _take(self, found: dict[str, Any]) -> None:
         """Processes a line from the law's process."""
         if "theta" in found:
-            self.estimate = LiveEstimate.of_line(found, self._system.space)
+            self.estimate = LiveEstimate.of_line(self._head | found)
         elif "summary" in found:
             self.summary = found["summary"]
         else:
+            self._head = found
             self.folder = Path(found["folder"])
 
 
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+_KINDS = "An IMU's readings belong to every sample of a robot that stands and walks."
 _LINE = orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_APPEND_NEWLINE
 _PIECE = 65_536  # bytes written or read at once
 _POLL = 1e-3  # pause between two exchanges, where the user waits [s]

@@ -14,7 +14,7 @@ import numpy as np
 import orjson
 
 from ..base import single_threaded
-from ..core import Array, Identifier, Log, Measurement, ParameterSpace, State
+from ..core import Array, Identifier, Log, Measurement, State, Status
 from ..lab import (
     INTERVAL,
     Observer,
@@ -75,31 +75,39 @@ class LiveEstimate:
     misfit: str
     faults: tuple[str, ...]
 
-    def line(self) -> bytes:
-        """The estimate as a line of JSON, without names and units; null for what is not finite."""
+    def line(self, head: bool = False) -> bytes:
+        """The estimate as a line of JSON; null for what is not finite.
+
+        With `head` it also holds names and units, which otherwise a line before states once.
+        """
         found: dict[str, Any] = {"t": self.t, "samples": self.samples}
         found |= {"theta": self.theta_hat, "gains": [[g.value, g.low, g.high] for g in self.gains]}
         found |= {"misfit": self.misfit, "faults": self.faults}
+        if head:
+            found |= {"names": self.names, "units": self.units}
+            found["actuators"] = [self.names.index(gain.name) for gain in self.gains]
         return orjson.dumps(found, option=orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_APPEND_NEWLINE)
 
     @staticmethod
-    def of_line(found: dict[str, Any], space: ParameterSpace) -> LiveEstimate:
-        """The estimate of such a line."""
+    def of_line(found: dict[str, Any]) -> LiveEstimate:
+        """The estimate of such a line with its names and units."""
+        names = tuple(found["names"])
+        units = tuple(found["units"])
         gains = (
             LiveGain(
-                space.names[k],
-                space.units[k],
+                names[k],
+                units[k],
                 value,
                 -np.inf if low is None else low,
                 np.inf if high is None else high,
             )
-            for k, (value, low, high) in zip(space.actuators, found["gains"], strict=True)
+            for k, (value, low, high) in zip(found["actuators"], found["gains"], strict=True)
         )
         return LiveEstimate(
             found["t"],
             found["samples"],
-            tuple(space.names),
-            tuple(space.units),
+            names,
+            units,
             np.array(found["theta"]),
             tuple(gains),
             found["misfit"],
@@ -199,7 +207,11 @@ class Session:
         self._frame, self.cleaner = frame, Cleaner(self.robot.system, 1 / scenario.dt, frame)
 
     def warm_up(self) -> None:
-        """Loads everything a run needs, above all kernels, by a short run on an invented motion."""
+        """Loads everything a run needs, above all kernels, by a short run on an invented motion.
+
+        Raises:
+            KeyboardInterrupt: by Ctrl-C meanwhile, which the short run takes as its own end.
+        """
         system = self.robot.system
         dt = self.scenario.dt
         rng = np.random.default_rng(0)
@@ -211,7 +223,10 @@ class Session:
             parts = {"t": k * dt, "q": q, "v": moved, "u": u}
             lines.append(orjson.dumps(parts, option=orjson.OPT_SERIALIZE_NUMPY) + b"\n")
         with TemporaryDirectory(prefix="nsaid-mj-") as folder:
-            self.run(io.BytesIO(b"".join(lines)), Path(folder), lambda _: None)
+            invented = io.BytesIO(b"".join(lines))
+            run = self.run(invented, Path(folder), lambda _: None, stopped=Status.interrupted)
+        if run.ending.status is Status.interrupted:
+            raise KeyboardInterrupt
         self.cleaner = Cleaner(system, 1 / dt, self._frame)
 
     @single_threaded
@@ -222,11 +237,12 @@ class Session:
         show: Callable[[LiveEstimate], None],
         every: float = 0.0,
         observers: Sequence[Observer] = (),
+        stopped: Status = Status.completed,
     ) -> Run:
         """Follows the samples until they end; the folder is locked by the caller.
 
         `lines` are their source, see `Stream`; `show` receives estimates, at intervals of `every`
-        [s], 0 for one after all new samples.
+        [s], 0 for one after all new samples; `stopped` is the status of a run that Ctrl-C ends.
 
         Raises:
             InvalidInput: there are no samples, or ones of another robot or rate.
@@ -235,6 +251,7 @@ class Session:
         own = self.identifiers[""]
         counts = self.cleaner.counts
         source = Stream(self.robot.system, self.cleaner, lines)
+        source.stopped = stopped
         misfit = RunningMisfit(self.scenario, own, self.robot.prior)
         watchers = (EstimateStream(own, misfit, counts, show, every), *observers)
         run = followed(self.scenario, self.robot, source, self.identifiers, folder, watchers)

@@ -129,22 +129,41 @@ class WalkingSamples:
             found = None
         if isinstance(found, dict) and found.get("end"):
             return None
-        k = len(self._joints)
-        expected = f"t, q, v and u of {k} joints, and imu of 7 or 10 numbers"
-        try:
-            assert isinstance(found, dict)
-            parts = [np.asarray(found[key], dtype=np.float64) for key in ("q", "v", "u", "imu")]
-            row = [float(found["t"]), *np.concatenate(parts).tolist()]
-        except (AssertionError, KeyError, TypeError, ValueError) as error:
-            got = line[:60].decode("utf-8", "replace").strip()
-            raise InvalidInput("sample", expected, got, "See docs/live.md.") from error
-        width = parts[3].size
-        sizes = [part.size for part in parts]
-        if sizes[:3] != [k] * 3 or width not in (7, 10) or self._width not in (0, width):
-            got = ", ".join(f"{size} numbers" for size in sizes)
-            raise InvalidInput("sample", expected, got, "See docs/live.md.")
+        parts = found if isinstance(found, dict) else {}
+        row = walking_sample(len(self._joints), *map(parts.get, SAMPLE))
+        width = len(row) - 1 - 3 * len(self._joints)
+        if self._width not in (0, width):
+            got = f"{width} numbers"
+            raise InvalidInput("imu", f"{self._width} numbers, as before", got, _SEE)
         self._width = width
         return row
+
+
+SAMPLE = ("t", "q", "v", "u", "imu")
+"""Keys of a sample."""
+_SEE = "See docs/live.md."
+
+
+def walking_sample(
+    joints: int, t: object, q: object, v: object, u: object, imu: object
+) -> list[float]:
+    """The numbers of a sample of k `joints`: t, q (k,), v (k,), u (k,), imu (7,) or (10,).
+
+    Raises:
+        InvalidInput: a part is not of numbers, or has another length.
+    """
+    expected = f"t, q, v and u of {joints} joints, and imu of 7 or 10 numbers"
+    given = (t, q, v, u, imu)
+    try:
+        parts = [np.atleast_1d(np.asarray(part, dtype=np.float64)) for part in given]
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InvalidInput("sample", expected, given, _SEE) from error
+    sizes = [part.shape for part in parts]
+    if sizes[:4] != [(1,), *[(joints,)] * 3] or sizes[4] not in ((7,), (10,)):
+        names = zip(SAMPLE, sizes, strict=True)
+        got = ", ".join(f"{name} of shape {size}" for name, size in names)
+        raise InvalidInput("sample", expected, got, _SEE)
+    return np.concatenate(parts).tolist()
 
 
 def identified_along(

@@ -7,6 +7,7 @@ from typing import NamedTuple
 from ..base import UnknownName, path_of
 from .assets import (
     MORE_ROBOTS,
+    VehicleFiles,
     asset,
     example_robots,
     folder,
@@ -14,7 +15,6 @@ from .assets import (
     known_robots,
     packed_robots,
     scenarios,
-    vehicle_files,
 )
 from .errors import BadRobot
 
@@ -50,7 +50,8 @@ def robot_file(name: str, others: Sequence[str] = ()) -> RobotFile:
     if path.suffix or path.name != name:
         raise BadRobot(name, "", "no such file", REMEDY)
     if name not in known_robots():
-        remedy = REMEDY if has_example_robots() else f"{REMEDY} {MORE_ROBOTS}"
+        remedy = f"`nsaid list` shows all. {REMEDY}"
+        remedy += "" if has_example_robots() else f" {MORE_ROBOTS}"
         raise UnknownName("robot", name, [*known_robots(), *packed_folders(), *others], remedy)
     from example_robot_data.robots_loader import getModelPath
 
@@ -93,4 +94,4 @@ def check_model(model: str) -> None:
     if not is_vehicle(model):
         robot_file(model, packed_vehicles())
     elif model not in scenarios():
-        vehicle_files(model)
+        VehicleFiles.of(model)

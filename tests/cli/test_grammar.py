@@ -11,6 +11,7 @@ import pytest
 from nsaid_mj.cli import grammar
 from nsaid_mj.cli.commands import command
 from nsaid_mj.clinic.live import live
+from tests.support.faulty import shell
 
 
 @pytest.mark.parametrize("word", ["identify", "inspect"])
@@ -57,7 +58,12 @@ def test_nsaid_live_and_live_in_python_begin_from_the_same_values() -> None:
         for name, parameter in inspect.signature(live).parameters.items()
         if parameter.default is not parameter.empty
     }
-    shell = {field.name: field.default for field in fields(grammar.Live)}
-    assert python.pop("noise") == (shell["position_noise"], shell["velocity_noise"])
+    typed = {field.name: field.default for field in fields(grammar.Live)}
+    assert python.pop("noise") == (typed["position_noise"], typed["velocity_noise"])
     for name in ("law", "rate", "frame", "prior_error", "gain", "out", "view"):
-        assert python[name] == shell[name], name
+        assert python[name] == typed[name], name
+
+
+def test_a_missing_log_is_no_robot_of_that_name(tmp_path: Path) -> None:
+    code, said = shell("identify", tmp_path / "log.csv")
+    assert code == 2 and "log.csv: there is no such file" in said.err

@@ -6,10 +6,10 @@ import json
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from ...base import require
-from ...lab import folder_for
+from ...base import require, without_nonfinite
+from ...lab import ResultsFolder
 from ...report import ExitCode
 from .checks import check_live, names_in
 
@@ -30,7 +30,7 @@ def follow_robot(chosen: ToFollow) -> int:
 
     joints = names_in(chosen.joints) or None
     model = load_robot_model(chosen.model, names_in(chosen.lock), joints)
-    if not model.walks or chosen.json:  # from Python, which waits for the head
+    if not model.walks:
         return _follow_law(chosen, None)
     _wait_for(chosen)
     first, lines = first_of(_source(chosen))
@@ -58,7 +58,7 @@ def _follow_law(chosen: ToFollow, given: Lines | None) -> int:
     noise = chosen.position_noise, chosen.velocity_noise
     scenario = measured_scenario(robot, chosen.law, chosen.rate, noise, chosen.prior_error)
     quiet = chosen.quiet or chosen.json
-    with folder_for(f"{name}-live", scenario, chosen.out, chosen.force) as folder:
+    with ResultsFolder(chosen.out, chosen.force).of_run(f"{name}-live", scenario) as folder:
         with Progress(name, quiet=quiet) as progress:
             progress.say("reading the model")
             session = Session(scenario, chosen.frame)
@@ -82,8 +82,7 @@ def _follow_law(chosen: ToFollow, given: Lines | None) -> int:
         with Progress(name, quiet=quiet) as progress:
             result = finish(run, progress.say, command)
     if chosen.json:
-        found = {"summary": result.summary()}
-        print(json.dumps(found, ensure_ascii=False, allow_nan=False))
+        _print_json({"summary": result.summary()})
     elif not chosen.quiet:
         print_result(f"{name} live", result, folder)
     return ExitCode.of(result)
@@ -93,8 +92,13 @@ def _print_head(session: Session, folder: Path) -> None:
     """Prints the first line of JSON: parameters and the numbers of values of a sample."""
     system = session.robot.system
     widths = {"q": system.m, "v": system.n, "u": system.n_u}
-    head = {"names": system.space.names, "units": system.space.units, "widths": widths}
-    print(json.dumps(head | {"folder": str(folder)}, allow_nan=False), flush=True)
+    space = system.space
+    head = {"names": space.names, "units": space.units, "actuators": space.actuators.tolist()}
+    _print_json(head | {"widths": widths, "folder": str(folder)})
+
+
+def _print_json(found: dict[str, Any]) -> None:
+    print(json.dumps(found, ensure_ascii=False, allow_nan=False), flush=True)
 
 
 def _wait_for(chosen: ToFollow) -> None:
@@ -108,7 +112,6 @@ def _follow_walking(chosen: ToFollow, joints: tuple[str, ...], lines: Lines) -> 
     """Identifies a robot that walks while its samples come, and writes the results."""
     from rich.console import Console
 
-    from ...lab import folder_for_results
     from ...report import print_page
     from ..walking import WalkingSamples, identified_along
     from .identify import files_of_results, write
@@ -116,22 +119,34 @@ def _follow_walking(chosen: ToFollow, joints: tuple[str, ...], lines: Lines) -> 
     samples = WalkingSamples(joints, lines)
     name = f"{Path(chosen.model).stem}-live"
     files = files_of_results(chosen.model)
-    show = _print if not chosen.quiet else lambda _: None
+    quiet = chosen.quiet or chosen.json
+    show = _send_whole if chosen.json else (_print if not quiet else lambda _: None)
     options = {"lock": names_in(chosen.lock), "joints": names_in(chosen.joints) or None}
-    with folder_for_results(name, chosen.out, chosen.force, files, "results") as folder:
+    with ResultsFolder(chosen.out, chosen.force).of_results(name, files, "results") as folder:
 
         def say(text: str) -> None:
             print(text, file=sys.stderr, flush=True)
 
+        if chosen.json:
+            k = len(joints)
+            _print_json({"widths": {"q": k, "v": k, "u": k}, "folder": str(folder)})
         found = identified_along(chosen.model, options, samples, folder, show, say)
         page, written = write(found, folder, lambda _: None)
-        if not chosen.quiet:
+        if chosen.json:
+            _print_json({"summary": without_nonfinite(page.result.summary())})
+        elif not quiet:
             print_page(page, Console(), written)
     return ExitCode.of(page.result)
 
 
 def _send(estimate: LiveEstimate) -> None:
     sys.stdout.buffer.write(estimate.line())
+    sys.stdout.buffer.flush()
+
+
+def _send_whole(estimate: LiveEstimate) -> None:
+    """Prints an estimate with its names, which are known from the first fit on."""
+    sys.stdout.buffer.write(estimate.line(head=True))
     sys.stdout.buffer.flush()
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...base import CHOICES, InvalidInput
 from ...core import Array, JointScales, JointTree, Prior, SensorLevels
-from ...lab import BUDGET, sysid, toolbox
+from ...lab import Toolbox
 from ...robots import (
     BadRobot,
     Identified,
@@ -68,7 +68,7 @@ def compare_servos(
         NoEstimate: `mujoco.sysid` lacks its own dependencies.
     """
     if {SYSID, STOCK} & {str(model) for model in models}:
-        toolbox()
+        Toolbox()
 
     def parts(model: str) -> list[_Part]:
         if model in CHOICES["fitted model"]:
@@ -112,7 +112,7 @@ def compare_arms(
         NoEstimate: `mujoco.sysid` finds none, or lacks its own dependencies.
     """
     if SYSID in map(str, models):
-        toolbox()
+        Toolbox()
 
     def parts(model: str) -> list[_Part]:
         if model in (IDENTIFIED, SYSID):
@@ -156,7 +156,8 @@ def _fitted_servos(given: ServoLogs, model: str, report: Report) -> list[_Part]:
     if len(logs) == 1:
         logs = logs[0].halves()
     found = []
-    for own, rest in ((logs[::2], logs[1::2]), (logs[1::2], logs[::2])):
+    halves = logs[::2], logs[1::2]
+    for number, (own, rest) in enumerate((halves, halves[::-1]), start=1):
         part = given._replace(logs=tuple(rest))
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "fitted.xml")
@@ -165,7 +166,7 @@ def _fitted_servos(given: ServoLogs, model: str, report: Report) -> list[_Part]:
                 delay = np.array([servo.delay for servo in result.servos])
                 write_servo_mjcf(result, path)
             else:
-                report(f"fitting by {model}, which takes minutes")
+                report(f"fitting half {number} of 2 by {model}, which takes minutes")
                 delay = np.asarray(write_by_toolbox(part, path, model == SYSID))
             found += [_apart(path, given, log, delay) for log in own]
     return found
@@ -193,14 +194,15 @@ def _fitted_arm(
             for rows in ((0, half), (half, len(one.log.t)))
         ]
     found = []
-    for own, rest in ((segments[::2], segments[1::2]), (segments[1::2], segments[::2])):
+    halves = segments[::2], segments[1::2]
+    for number, (own, rest) in enumerate((halves, halves[::-1]), start=1):
         part = replace(recordings, segments=tuple(rest))
         if model == IDENTIFIED:
             fitted = calibrate(robot, part, options=options, report=report)
             values = identified(fitted)
             delays = [joint.delay for joint in fitted.joints]
         else:
-            report("fitting by sysid, which takes minutes")
+            report(f"fitting half {number} of 2 by sysid, at most {Toolbox.BUDGET:g} CPU s")
             values, delays = by_toolbox(robot, part)
         late = tuple(delayed(segment, delays) for segment in own)
         found.append(_departed(robot, values, replace(recordings, segments=late)))
@@ -224,9 +226,9 @@ def _constant_velocity(recordings: Recordings) -> Score:
 
 
 def by_toolbox(
-    robot: RobotModel, recordings: Recordings, budget: float = BUDGET
+    robot: RobotModel, recordings: Recordings, budget: float = Toolbox.BUDGET
 ) -> tuple[Identified, Array]:
-    """The values that `lab.plants.sysid.sysid` finds in logs, and (n,) delays of the commands [s].
+    """The values that `mujoco.sysid` finds in logs, and (n,) delays of the commands [s].
 
     It fits links, rotors, viscous and Coulomb friction, and gains. Initial values are those of
     `nsaid identify`: the model file's links, and frictions and gains guessed from the log. The
@@ -251,7 +253,7 @@ def by_toolbox(
     logs = [delayed(s, made.delays).log for s in recordings.segments]
     sign = np.sign(robot.gain)
     logs = [log._replace(q=robot.system.position(log.q), u=log.u * sign) for log in logs]
-    theta, _ = sysid(system, logs, prior, _NOISY, budget)
+    theta, _ = Toolbox().fitted(system, logs, prior, _NOISY, budget)
     rotor, viscous, coulomb, gain = theta[-4 * n :].reshape(4, n)
     model = with_inertias(robot.model, theta[: -4 * n].reshape(-1, 10), rotor)
     found = Identified(model, viscous, coulomb, speeds, gain * sign, "mujoco.sysid")

@@ -1,8 +1,9 @@
 """The verdict of an identification: whether the structure explains the log, and what to do next.
 
-The least favourable of four judgements counts: how well held-out parts and a validation log are
-predicted, what the residuals correlate with, what the user told, and what the overall scale rests
-on. The sentence gives the figures and one remedy, that of the gravest; findings have all others.
+The least favourable of five judgements counts: how well held-out parts and a validation log are
+predicted, what the residuals correlate with, what the user told, whether the feet are where the
+model file says, and what the overall scale rests on. The sentence gives the figures and one remedy,
+that of the gravest; findings have all others.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,12 +19,23 @@ from .result import JointStructure
 
 CONTRADICTED = "contradicted"
 """Code of findings that a log contradicts what the user told."""
+FOOT_ELSEWHERE = "offset_foot"
+"""Code of findings that a foot touches the ground elsewhere than the model file says."""
+UNPHYSICAL = "unphysical"
+"""Code of findings that no possible masses and frictions explain a joint's motion."""
 _CONFIRM = "Confirm it on a log of another motion: --validate."
 GOOD = 0.2
 """Held-out NRMSE up to which a structure explains a motion."""
+_ROUGH = 0.1  # error above which it is compared with that of least squares without bounds
+_UNBOUNDED = 3.0  # their ratio from which no possible masses and frictions explain the motion
 _FAIR = 0.5  # above which it does not
 _NOISE = 1.5  # error over that of the command's own noise, which no structure can predict
 _OF_MOTOR = 0.3  # error over a motor's largest force, above which it explains nothing of use
+
+
+def only_unbounded(joint: JointStructure) -> bool:
+    """Whether least squares without physical bounds predict a joint far better than the fit."""
+    return joint.held_out > _ROUGH and joint.held_out > _UNBOUNDED * joint.least_squares
 
 
 class JudgedPart(NamedTuple):
@@ -66,20 +78,27 @@ def verdict(
     explains, sentence = _of_predictions(joints, arm)
     told = [f for f in findings if f.code == CONTRADICTED]
     doubts = [f for f in findings if f.code == "residuals" and f.level == "warning"]
+    elsewhere = [f for f in findings if f.code == FOOT_ELSEWHERE]
+    foreign = [f for f in findings if f.code == UNPHYSICAL]
     unfixed = scale is not None and not scale.fixed
     clauses = [_capital(told[0]) if told else sentence.removesuffix(".")]
     if doubts and not told and explains != "no":
         worst = max(doubts, key=lambda f: float(str(f.data.get("share", 0.0))))
         more = f" (and {len(doubts) - 1} more)" if len(doubts) > 1 else ""
         clauses.append(f"{worst.where or 'all joints'}: {worst.text.partition(' (')[0]}{more}")
+    if elsewhere and not told and explains != "no":
+        names = ", ".join(dict.fromkeys(f.where for f in elsewhere))
+        clauses.append(f"the ground is touched elsewhere than the model file says, by {names}")
+    if foreign and not told and explains != "no":
+        clauses.append(f"{foreign[0].where}: {foreign[0].text.partition(', ')[0]}")
     if unfixed and not told and explains != "no":
         assert scale is not None
         each = f" within each of the {scale.limbs} limbs" if scale.limbs > 1 else ""
         clauses.append(f"ratios of parameters hold{each}, {scale.bounds}")
     sentence = f"{'; '.join(clauses)}."
-    if told or doubts or unfixed:
+    if told or doubts or elsewhere or foreign or unfixed:
         explains = "no" if explains == "no" else "partly"
-    remedy = next(_remedies(told, doubts, findings, scale), "")
+    remedy = next(_remedies(told, [*doubts, *elsewhere], findings, scale), "")
     if explains == "yes" and all(joint.validation is None for joint in joints):
         remedy = _CONFIRM
     return explains, with_next(sentence, remedy)
@@ -92,7 +111,7 @@ def _remedies(
     scale: Scale | None,
 ) -> Iterator[str]:
     """What to do, the most urgent first."""
-    unexplained = [f for f in findings if f.code == "unexplained"]
+    unexplained = [f for f in findings if f.code in (UNPHYSICAL, "unexplained")]
     by_share = sorted(doubts, key=lambda f: -float(str(f.data.get("share", 0.0))))
     own = {f.where for f in unexplained}
     causes = [f for f in by_share if f.where in own]
@@ -124,8 +143,8 @@ def _of_predictions(joints: Sequence[JointStructure], arm: bool) -> tuple[Explai
     values = np.array([part.error for part in parts])
     worst = joints[int(np.argmax(values))]
     figures = (
-        f"on held-out data its error is {_range(held_out)} of each command's standard deviation "
-        f"(100 % would be no better than predicting the mean){_in_forces(worst)}"
+        f"held-out error {_range(held_out)} of each command's standard deviation "
+        f"(predicting its mean: 100 %){_in_forces(worst)}"
     )
     checked = [j.validation for j in joints if j.validation is not None]
     if np.isfinite(checked).any():
@@ -160,6 +179,7 @@ def _judged(joint: JointStructure) -> JudgedPart:
     error = float(np.fmax(joint.held_out, checked))
     motor = _OF_MOTOR * joint.limit / joint.force if joint.force > 0 else np.inf
     good = min(max(GOOD, _NOISE * joint.noise), motor, _FAIR)
+    good = _ROUGH if only_unbounded(joint) else good
     return JudgedPart(joint.name, error, good, _FAIR)
 
 

@@ -20,7 +20,6 @@ from ...report import (
     Text,
     count,
     figures_of,
-    forests,
     robot_picture,
 )
 from ..identify.comparison import Score
@@ -111,7 +110,7 @@ def _intervals(result: ServoIdentification, before: Array) -> list[PageItem]:
             shown.append(replace(p, block=what, label=label, prior=prior, high=high))
     words = f"Lines are 95 % intervals, up to {_WIDE:g} times the estimate; ◇: the model file."
     note = Text(words, note=True)
-    return [Figures(figures_of(forests(shown))), note]
+    return [Figures(figures_of(Parameter.forests(shown))), note]
 
 
 def _replay(result: ServoIdentification, log: ServoLog) -> Section:
@@ -139,8 +138,9 @@ def _servos(result: ServoIdentification) -> list[PageItem]:
     panels: list[PageItem] = [Table(_HEADS, lines, spare=(7, 5))]
     told = [p.combination for p in result.parameters if p.combination]
     if any(words.startswith(UNTOLD) for words in told):
-        text = "(…) gravity does not tell it: as of the other joints, or of your file; kv/kp, f/kp "
-        panels.append(Text(f"{text}and armature/kp hold without it."))
+        text = "(…) not identifiable, since gravity does not load the joint: taken from the other "
+        text += "joints, or from your file. kv/kp, f/kp and armature/kp do not depend on it."
+        panels.append(Text(text))
     if not all(words.startswith(UNTOLD) for words in told):
         panels.append(Text("~ only in combination with others; identification.json says which."))
     panels.append(

@@ -10,6 +10,7 @@ from ...base import Finding
 from ...core import Array
 from ...report import Explains, Parameter, Result, Status
 from ...robots import RobotModel
+from ..identify.identifiability import NOTHING
 from ..identify.loads import Load
 from ..identify.verdict import JudgedPart, graded, with_next
 from .estimate import JointEstimate, MassScale
@@ -100,11 +101,10 @@ _LABELS = (
     ("armature", "armature", ("kg·m²", "kg")),
 )  # units of hinges and slides
 _NOTHING = 5e-3  # least error of a simple prediction in the test for divergence [rad or m]
-_WIDEST = 7.0  # half-width of ln θ beyond which an interval says nothing more: a factor of 1,000
 _HEAVIER = "Use a heavier load, or more motions with the arm stretched out."
 _UNEXPLAINED = "the model does not explain this joint's motion"
 _UNMOVED = "the joint hardly moves"
-UNTOLD = "gravity does not tell kp"
+UNTOLD = "gravity does not determine kp"
 """First words about a number whose scale is that of a kp which the motion does not show."""
 
 
@@ -117,13 +117,13 @@ def parameters(k: int, joint: JointEstimate, scale: MassScale | None) -> tuple[P
     values = np.r_[joint.x, joint.x[ARMATURE] + ln_kp]
     deviations = np.sqrt(np.r_[np.diag(C), max(rotor, 0.0)])
     values[GRAVITY] = ln_kp
-    halves = np.minimum(joint.quantile * deviations, _WIDEST)
-    halves[-1] = min(joint.quantile[[GRAVITY, ARMATURE]].max() * deviations[-1], _WIDEST)
+    halves = np.minimum(joint.quantile * deviations, NOTHING)
+    halves[-1] = min(joint.quantile[[GRAVITY, ARMATURE]].max() * deviations[-1], NOTHING)
     doubt = _UNEXPLAINED if joint.poor else _UNMOVED if joint.travel <= TRAVEL else ""
     if not joint.gravity:
-        halves[[GRAVITY, -1]] = _WIDEST
+        halves[[GRAVITY, -1]] = NOTHING
     if doubt:
-        halves[:] = _WIDEST
+        halves[:] = NOTHING
     lag, apart = lag_of(joint)
     longest = lag + apart
     rotor_half = float(halves[ARMATURE])
@@ -141,7 +141,7 @@ def parameters(k: int, joint: JointEstimate, scale: MassScale | None) -> tuple[P
             low = value * max(1 - half, 0.0)  # the motion is linear in all but kp
         if short in {"a", "armature"}:
             low = value * _least_rotor(half)
-        if half >= _WIDEST:
+        if half >= NOTHING:
             low = 0.0
             high = np.inf
         if short == "T":
@@ -181,7 +181,7 @@ def _lag(joint: JointEstimate) -> str:
 
 
 def _ratios(joint: JointEstimate) -> str:
-    """What holds of a joint whose kp gravity does not tell."""
+    """What holds of a joint whose kp gravity does not determine."""
     T, f, _, a, _ = (float(value) for value in joint.theta)
     return (
         f"{UNTOLD}, but kv/kp = {1e3 * T:.3g} ms, f/kp = {1e3 * f:.3g} "
@@ -202,7 +202,7 @@ def masses(scale: MassScale | None) -> tuple[Parameter, ...]:
     """The true masses over those of the model file, if a load was weighed."""
     if scale is None:
         return ()
-    half = min(scale.quantile * scale.deviation, _WIDEST)
+    half = min(scale.quantile * scale.deviation, NOTHING)
     value, low, high = (float(np.exp(scale.log + x)) for x in (0.0, -half, half))
     status: Status = "identified" if half < _FIRM else "only in combination"
     words = "" if half < _FIRM else "the load has no clear effect; only ratios of kp and masses"
@@ -257,8 +257,8 @@ def verdict(
     findings = []
     for joint, found in (moving[part.name] for part in poor):
         simple, error = (f"({x * 1e3:.1f} {joint.unit})" for x in (joint.simple, found))
-        text = "the delayed target itself or a constant position predicts the motion nearly as "
-        text += f"well {simple} as the servo's model {error}; its parameters are meaningless"
+        text = f"the servo's model predicts the motion hardly better {error} than the delayed "
+        text += f"target or a constant position {simple}; its parameters are meaningless"
         findings.append(Finding("warning", "no_better_than_simple", joint.name, text, _POOR))
     if still:
         text = "it hardly moves, or follows its target exactly, so its model cannot be validated"
@@ -288,7 +288,7 @@ def _further(joints: Sequence[JointEstimate], loaded: bool) -> str:
     if slow:
         every = len(slow) > 1 and len(slow) == sum(joint.judged for joint in joints)
         who = "all joints" if every else ", ".join(slow)
-        return f"{_FASTER} of {who}: slow motion tells only kv/kp + delay."
+        return f"{_FASTER} of {who}: slow motion determines only kv/kp + delay."
     return "" if loaded else _WEIGH
 
 
@@ -329,10 +329,10 @@ def gravity_notes(joints: Sequence[JointEstimate]) -> tuple[Finding, ...]:
     others = [joint.name for joint in joints if not joint.gravity]
     found = []
     if others:
-        source = "the mean of the others" if len(others) < len(joints) else "the model file's"
-        source += " unless the motion contradicts that"
-        text = f"gravity does not determine kp, which is {source}; the motion depends on kv/kp, "
-        text += "f/kp and armature/kp"
+        source = "the other joints' mean" if len(others) < len(joints) else "the model file's"
+        source += ", unless the motion contradicts it,"
+        text = f"kp is not identifiable, since gravity does not load the joint: {source} is used; "
+        text += "kv/kp, f/kp and armature/kp are identified"
         found.append(Finding("note", "kp_convention", ", ".join(others), text))
     for joint in joints:
         size = abs(joint.offset)

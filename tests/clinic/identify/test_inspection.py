@@ -11,7 +11,7 @@ from nsaid_mj.base.findings import Finding
 from nsaid_mj.cli.commands import command
 from nsaid_mj.clinic.identify.fixing import fix
 from nsaid_mj.clinic.identify.inspection import Inspection, figures_of, inspect, signal_names
-from nsaid_mj.clinic.identify.inspection_page import draw_inspection
+from nsaid_mj.clinic.identify.inspection_page import _spans, inspection_page
 from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.clinic.logs.checks import checked
 from nsaid_mj.clinic.logs.first_map import first_map
@@ -22,6 +22,7 @@ from nsaid_mj.clinic.logs.tables import Channel, LogTable, read_tables
 from nsaid_mj.robots.assets import asset
 from tests.support.robot_logs import columns, two_joints, write_csv
 
+SIGNALS = ("Positions", "Velocities", "Commands")
 URDF = '<robot name="arm"><link name="base"/>' + "".join(
     f'<link name="{name}_link"><inertial><mass value="2"/><origin xyz="0.2 0 0"/>'
     '<inertia ixx="0.02" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>'
@@ -125,9 +126,16 @@ def test_a_first_map_quotes_names_of_joints(tmp_path):
 
 
 @pytest.mark.parametrize("extra", [{}, {"current1": np.ones(2000), "current2": np.ones(2000)}])
-def test_a_picture_is_drawn_with_and_without_a_match(tmp_path, extra):
-    path = draw_inspection(inspected(tmp_path, **extra), tmp_path / "inspection.png")
-    assert path.read_bytes().startswith(b"\x89PNG")
+def test_signals_are_drawn_with_and_without_a_match(tmp_path, extra):
+    titles = [section.title for section in inspection_page(inspected(tmp_path, **extra)).sections]
+    assert titles == (["Channels over time", ""] if extra else [*SIGNALS, ""])
+
+
+def test_rows_that_are_not_used_are_shaded_half_way_to_the_next():
+    t = np.arange(5.0)
+    assert _spans(t, np.array([True, False, True, True, False])) == [(0.0, 0.5), (1.5, 3.5)]
+    assert _spans(t, np.array([False, False, False, False, True])) == [(3.5, 4.0)]
+    assert _spans(t, np.zeros(5, bool)) == []
 
 
 @pytest.mark.parametrize(("name", "position"), [("bluerov2", "qw"), ("f1tenth", "yaw")])
@@ -139,17 +147,18 @@ def test_channels_of_a_vehicle_have_the_names_of_its_signals(name: str, position
     assert names["q"][-1][0] == position and names["v"][0] == ("surge", "m/s")
 
 
-def test_the_command_writes_a_map_and_a_picture(tmp_path, capsys):
+def test_the_command_writes_a_map_and_a_page(tmp_path, capsys):
     log = write_csv(tmp_path / "log.csv", {"t": columns()["t"], "x": columns()["q1"]})
     arguments = ["inspect", str(log), "--model", "tx40", "--out", str(tmp_path)]
     assert command(arguments) == 2
     printed = capsys.readouterr().out
-    assert printed.startswith("✘ Columns could not be matched") and "map.toml" in printed
+    assert printed.startswith("✘ log.csv: Columns could not be matched") and "map.toml" in printed
     (tmp_path / "map.toml").write_text("edited", encoding="utf-8")
-    (tmp_path / "inspection.png").write_bytes(b"the user's")
+    (tmp_path / "inspection.html").write_bytes(b"the user's")
     assert command(arguments) == command(arguments) == 2
-    assert (tmp_path / "inspection.png").read_bytes() == b"the user's"
-    assert {p.name for p in tmp_path.glob("*.png")} == {"inspection.png", "inspection-2.png"}
+    assert (tmp_path / "inspection.html").read_bytes() == b"the user's"
+    pages = {p.name for p in tmp_path.glob("*.html")}
+    assert pages == {"inspection.html", "inspection-2.html"}
     assert (tmp_path / "map.toml").read_text(encoding="utf-8") == "edited"
     assert (tmp_path / "map-new.toml").is_file()
 
@@ -234,7 +243,7 @@ def test_a_packed_log_is_inspected_by_its_robots_name(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     assert command(["inspect", name, "--out", str(tmp_path)]) == 0
-    assert "✔ nsaid identify can use this log." in capsys.readouterr().out
+    assert ": nsaid identify can use this log." in capsys.readouterr().out
     assert (tmp_path / "map.toml").exists() == (name == "so101")  # the other has one
 
 
@@ -252,6 +261,21 @@ def test_fix_writes_a_map_with_which_the_log_is_accepted(tmp_path, capsys):
     assert command([*arguments, "--map", str(tmp_path / "map-fixed.toml")]) == 0
 
 
+def test_joints_that_a_log_does_not_number_are_locked_as_the_message_says(tmp_path, capsys):
+    """An arm's log has no columns of its gripper, and the next command still knows of it."""
+    log = str(write_csv(tmp_path / "log.csv", columns()))
+    model = tmp_path / "arm.urdf"
+    finger = '<link name="f"/><joint name="finger" type="prismatic"><parent link="elbow_link"/>'
+    finger += '<child link="f"/><axis xyz="1 0 0"/>'
+    finger += '<limit lower="0" upper="0.04" effort="9" velocity="1"/></joint></robot>'
+    model.write_text(URDF.replace("</robot>", finger), encoding="utf-8")
+    arguments = ["inspect", log, "--model", str(model), "--out", str(tmp_path)]
+    assert command(arguments) == 2
+    assert "`--lock finger` holds these" in " ".join(capsys.readouterr().out.split())
+    assert command([*arguments, "--lock", "finger"]) == 0
+    assert f"identify {log} --model {model} --lock finger" in capsys.readouterr().out
+
+
 def test_fix_is_withdrawn_if_another_contradiction_follows(tmp_path):
     """A remedy that makes the positions leave their limits is worse than the velocities' signs."""
     values = columns()
@@ -266,3 +290,21 @@ def test_fix_is_withdrawn_if_another_contradiction_follows(tmp_path):
         patch.setattr("nsaid_mj.clinic.identify.fixing.remedies", lambda _: worse.data["map"])
         found = fix([path], "", robot)
     assert not found.kept and found.text == "" and "contradiction follows" in found.withdrawn
+
+
+def test_rates_and_accelerations_are_no_linear_velocity():
+    """`ang_vel_x` ends like `vel_x`: a flight log's rates became its linear velocity."""
+    robot = load_robot_model("hummingbird")
+    t = np.arange(50.0)
+    names = [f"q{k}" for k in range(4)]
+    names += [f"{kind}_{axis}" for kind in ("ang_vel", "acc_b") for axis in "xyz"]
+    names += ["vx", "vy", "vz", *(f"u{k}" for k in range(4))]
+    made = LogTable("a.csv", {name: Channel(t, np.sin(t)) for name in names}, 0)
+    vehicle = tomllib.loads(first_map([made], robot))["vehicle"]
+    assert vehicle == {
+        "quaternion": ["q0", "q1", "q2", "q3"],
+        "order": "wxyz",
+        "linear": ["vx", "vy", "vz"],
+        "angular": ["ang_vel_x", "ang_vel_y", "ang_vel_z"],
+        "acceleration": ["acc_b_x", "acc_b_y", "acc_b_z"],
+    }

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from nsaid_mj.base import Finding
 from nsaid_mj.clinic.identify import wording
-from nsaid_mj.clinic.identify.calibrate import _command_noise
+from nsaid_mj.clinic.identify.calibrate import _command_noise, unphysical
 from nsaid_mj.clinic.identify.identifiability import _positive
 from nsaid_mj.clinic.identify.result import JointStructure
 from nsaid_mj.clinic.identify.verdict import JudgedPart, graded, verdict
@@ -38,10 +39,31 @@ def test_an_error_that_is_the_commands_own_noise_is_explained():
     assert verdict([joint(held_out=0.9, noise=0.9)])[0] == "no"  # a command of noise alone
 
 
+def test_what_only_impossible_masses_predict_is_not_explained():
+    """A hand moves the joint, and its motor compensates the weight."""
+    moved = joint("pan", 0.18, least_squares=0.01)
+    findings = unphysical([joint("lift", 0.18, least_squares=0.1), moved])
+    assert [finding.where for finding in findings] == ["pan"]
+    explains, sentence = verdict([moved], findings)
+    assert explains == "partly" and "explains 0 of 1" in sentence
+    assert "pan: no possible masses and frictions" in sentence
+    assert "Next: record a motion that its motor makes" in sentence
+
+
 def test_an_error_of_most_of_a_motors_force_does_not_explain():
     """0.3 N·m of a motor that has 0.4: the scale of the forces cannot be right either."""
     assert verdict([joint(held_out=0.15, limit=0.4)])[0] == "partly"
     assert verdict([joint(held_out=0.15, limit=4.0)])[0] == "yes"
+
+
+def test_feet_that_are_elsewhere_are_part_of_the_verdict():
+    """The fit allows for feet that are off, but legs of other lengths are not what was modelled."""
+    remedy = "Measure the legs."
+    feet = [Finding("warning", "offset_foot", f"{leg}_foot", "off", remedy) for leg in ("FL", "RR")]
+    explains, sentence = verdict([joint()], feet)
+    assert explains == "partly" and "by FL_foot, RR_foot. Next: measure the legs." in sentence
+    imu = Finding("warning", "offset_turn", "IMU", "turned", "Correct it.")
+    assert verdict([joint()], [imu])[0] == "yes"
 
 
 def test_a_leg_in_swing_shows_nothing_where_only_stance_makes_its_error_small():

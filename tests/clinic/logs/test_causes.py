@@ -5,6 +5,8 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Callable
 from functools import lru_cache
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -15,7 +17,7 @@ from nsaid_mj.clinic.identify.fixing import fix
 from nsaid_mj.clinic.logs.causes import velocity_causes
 from nsaid_mj.clinic.logs.checks import checks
 from nsaid_mj.clinic.logs.clocks import regular
-from nsaid_mj.clinic.logs.evidence import LogMotion
+from nsaid_mj.clinic.logs.evidence import LogMotion, driven_joints
 from nsaid_mj.clinic.logs.mapping import Map, map_of
 from nsaid_mj.clinic.logs.preparation import prepare
 from nsaid_mj.clinic.logs.remedies import composed, mended, remedies
@@ -277,6 +279,22 @@ def test_stamps_that_scatter_are_put_on_their_regular_clock(rate, late):
     np.testing.assert_allclose(found.t, t, atol=3e-4)
 
 
+def test_rows_written_before_the_next_reading_do_not_make_a_clock_faster():
+    """A logger at about the sensor's rate writes some readings twice and misses others.
+
+    The robot pauses for a second, in which repeated readings cannot be told.
+    """
+    rng = np.random.default_rng(0)
+    written = np.cumsum(1e-3 * rng.uniform(0.7, 1.33, 8000))
+    read = np.floor(written * 1000) / 1000
+    going = read - np.clip(read - 4, 0, 1)
+    q = [np.sin(2 * np.pi * f * going) for f in (0.3, 0.8, 1.1)]
+    found = regular(written, q)
+    assert found is not None
+    assert found.period == pytest.approx(1e-3, rel=2e-3)
+    np.testing.assert_allclose(np.diff(found.t)[:3000], np.diff(read)[:3000], atol=1e-5)
+
+
 @pytest.mark.filterwarnings("error")
 def test_a_coarse_encoder_has_a_regular_clock_without_warnings():
     rng = np.random.default_rng(0)
@@ -291,3 +309,11 @@ def test_irregular_sampling_keeps_its_times():
     t = np.arange(5000) / 250 + rng.uniform(-2e-3, 2e-3, 5000)
     q = [np.sin(2 * np.pi * f * t) + 1e-4 * rng.standard_normal(len(t)) for f in (0.3, 0.8)]
     assert regular(np.sort(t), q) is None
+
+
+def test_a_command_whose_squares_underflow_does_not_change() -> None:
+    """Its deviation is 0, so that no share of it is explained: such shares were NaN."""
+    u = np.column_stack([np.sin(np.arange(100.0)), np.resize([0.0, 5e-324], 100)])
+    robot: Any = SimpleNamespace(joints=("a", "b"), passive=())
+    motion: Any = SimpleNamespace(u=u, usable=np.ones((100, 2), bool))
+    assert driven_joints(robot, motion) == [0]

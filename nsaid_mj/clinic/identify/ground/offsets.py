@@ -25,6 +25,7 @@ from ....lab import INTERVAL
 from ...logs.imu import GRAVITY
 from ..fit import ConePrior
 from ..problem import FitProblem, mean_squares
+from ..verdict import FOOT_ELSEWHERE
 from .rows import Ground, GroundRows
 
 
@@ -68,6 +69,7 @@ _TOGETHER = 3e-4
 _UNSEEN = 1.5e-3
 # standard deviations of the mean error of all feet along an axis [m]: as it is estimated, since
 # friction that differs from tanh(v/s) imitates it, and as it is allowed for
+_FREE = 0.01  # the same where it is left free, to see how large it seems
 _WEIGHT = 0.02
 # standard deviation of the mean upward specific force [m/s²], from velocities at the log's ends
 _UNMEASURED = 5.0  # times these sizes where no accelerometer tells the base's motion
@@ -132,12 +134,19 @@ class Offsets(NamedTuple):
     value: Array  # (a,) those that are certain and large, else 0
     # (a,) standard deviations of what remains of them, apart from legs of other lengths
     left: Array
-    changes: Array  # (a, p) of θ̂ by what remains of them, one standard deviation each
+    # (a + 1, p) of θ̂ by what remains of them, and by a length of all last links
+    changes: Array
 
     @property
     def of_imu(self) -> Array:
         """(a,) the errors of the IMU alone."""
         return np.where([entry.foot < 0 for entry in self.entries], self.value, 0.0)
+
+    @property
+    def at_steps_alone(self) -> bool:
+        """Whether of the IMU nothing is wrong but that it is read at the steps of held targets."""
+        wrong = np.flatnonzero(self.of_imu)
+        return all(self.entries[k].kind == "at_step" for k in wrong)
 
     def findings(self, feet: Sequence[str]) -> Iterator[Finding]:
         """Large ones that are allowed for, in words; `feet` are names."""
@@ -156,11 +165,14 @@ class Offsets(NamedTuple):
             subject = "it" if name in ("place", "turn", "foot") else "its"
             text = f"{subject} {kind.words}, by {numbers} {kind.unit}{along}; the fit allows for it"
             remedy = "Correct the model file or [base] in map.toml, if you know better."
+            if foot >= 0:
+                remedy = "Measure the legs from the knees to the feet, and correct the model file."
             if name == "at_step":
                 remedy = "Log faster than the targets change, or the mean between two steps."
             data = {"value": x.tolist(), "deviation": self.left[at].tolist()}
             where = feet[foot] if foot >= 0 else "IMU"
-            yield Finding("warning", f"offset_{name}", where, text, remedy, data)
+            code = FOOT_ELSEWHERE if foot >= 0 else f"offset_{name}"
+            yield Finding("warning", code, where, text, remedy, data)
 
 
 def estimated(
@@ -184,7 +196,6 @@ def estimated(
     kinds = [KINDS[entry.kind] for entry in entries]
     usual = np.array([kind.usual for kind in kinds])
     S = np.einsum("nia,nib->ab", C, weight[:, :, None] * C)
-    S += np.linalg.inv(_covariance(entries, usual, _TOGETHER))
     S -= B.T @ followed
     slope = np.einsum("nia,ni->a", C, weight * residual)
     at = [k for k, entry in enumerate(entries) if entry.kind == "force"]
@@ -192,7 +203,8 @@ def estimated(
         up, excess = at_rest(rows)
         S[np.ix_(at, at)] += np.outer(up, up) / _WEIGHT**2
         slope[at] -= up * excess / _WEIGHT**2
-    covariance = np.linalg.inv(0.5 * (S + S.T))
+    S = 0.5 * (S + S.T)
+    covariance = np.linalg.inv(S + np.linalg.inv(_covariance(entries, usual, _TOGETHER)))
     found = -covariance @ slope
     deviation = np.sqrt(np.diag(covariance))
     value = np.zeros(len(entries))
@@ -212,8 +224,26 @@ def estimated(
     noise = np.diag(deviation**2)
     own = _covariance(entries, left, _UNSEEN) + noise
     remaining = _covariance(entries, left, together) + noise
-    changes = -(followed @ np.linalg.cholesky(remaining)).T
+    length = _lengths(rows, entries, S, slope)
+    changes = -np.column_stack([followed @ np.linalg.cholesky(remaining), followed @ length]).T
     return Offsets(entries, value, np.sqrt(np.diag(own)), changes)
+
+
+def _lengths(rows: GroundRows, entries: Sequence[Entry], S: Array, slope: Array) -> Array:
+    """(a,) errors of feet if what they share is a length of all last links, as large as it seems.
+
+    `S` (a, a) is the information of the rows, `slope` (a,) that of the cost. Dry friction that is
+    not as modelled imitates such a length by millimetres, so it is no correction, but a doubt.
+    """
+    usual = np.array([KINDS[entry.kind].usual for entry in entries])
+    free = -np.linalg.solve(S + np.linalg.inv(_covariance(entries, usual, _FREE)), slope)
+    along = np.zeros(len(entries))
+    for k, entry in enumerate(entries):
+        if entry.foot >= 0:
+            centre = np.asarray(rows.ground.feet[entry.foot].centre, dtype=np.float64)
+            along[k] = centre[entry.axis] / max(float(np.linalg.norm(centre)), 1e-9)
+    count = sum(entry.foot >= 0 and entry.axis == 0 for entry in entries)
+    return along * (along @ free) / max(count, 1)
 
 
 def at_rest(rows: GroundRows) -> tuple[Array, float]:

@@ -12,7 +12,9 @@ Contact forces jump at touch-down. So E is applied to the samples, before the ro
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -27,6 +29,7 @@ from ....core import (
     Elimination,
     ParameterSpace,
     Rotor,
+    Sums,
     zero_phase,
 )
 from ....robots import RobotModel
@@ -51,7 +54,12 @@ CONTROLLED = "controller's damping"
 """What viscous friction contains of motors under a PD law: no motion tells the two apart."""
 _STAY = 10.0  # weight of J a = 0 beside E M a [kg]
 _RIDGE = 1e-12  # of the trace, for legs without a row of their own
-_TURNING = 30.0  # of the velocities by which dry friction turns [Hz]
+BANDS = (5.0, 8.0, 15.0, 30.0)
+"""Frequencies up to which velocities may tell how dry friction turns [Hz].
+
+A leg that trots turns faster than one of a biped that shifts its weight, whose joints creep by less
+than their velocities' noise.
+"""
 _WEIGHED = 0.002  # standard deviation of the logarithm of a weighed robot's mass
 
 
@@ -65,6 +73,7 @@ class Ground:
     force: Array = field(default_factory=lambda: np.zeros(3))  # bias of the accelerometer [m/s²]
     # (N, feet) whether each touches, at the samples of every segment; None for all of them
     touching: tuple[Array, ...] | None = None
+    law: Array | None = None  # (2, k) gains of a PD law in measured torques; see `feedback_in`
     # share of the base's answer to each step of held targets by which the accelerometer's readings
     # exceed the mean between steps, and that answer, (M, 6) of every segment; None if nothing steps
     at_step: float = 0.0
@@ -77,12 +86,15 @@ class GroundRows(Rows):
     Attributes:
         speed: index of s of tanh(v(t + lead)/s) of Coulomb friction in `SPEEDS`.
         lead: by which dry friction turns before the velocity does [s].
+        band: index of the frequency of its velocity in `BANDS`.
         gain: (k,) expected gains.
         spread: (k,) standard deviations of their logarithms.
         system: the robot's, base first, with an angle as the position of every joint.
         space: θ: links, rotors, frictions, gains.
         fixed: (N, n, p) rows of everything but the commands.
         condition: (N,) of every motion's Jacobian; see `Elimination`.
+        law: (2, k) gains of measured position and velocity in the commands, of a PD law that the
+            log states or the commands show; None without one.
     """
 
     def __init__(
@@ -99,14 +111,16 @@ class GroundRows(Rows):
         self.spread = np.ones(len(self.gain))
         self.speed = speed
         self.lead = 0.0
+        self.band = len(BANDS) - 1
+        self._kept: dict[str, tuple[tuple[object, ...], Array]] = {}
+        self._turned: dict[tuple[int, int], Array] = {}
         k = len(robot.joints)
         self.system = unrolled(robot.system)
         super().__init__(recordings, chosen, lambda *each: smooth_ground(ground, *each))
         self.motions = [self._between(k, each, ground) for k, each in enumerate(self.motions)]
         self.driven = recordings.driven(robot)
-        law = recordings.feedback
-        self._commands = [(s, smooth_commands(s, chosen, law)) for s in self.segments]
-        self._turned = [turning(s, chosen) for s in self.segments]
+        self.law = ground.law if recordings.feedback is None else recordings.feedback
+        self._commands = [(s, smooth_commands(s, chosen, self.law)) for s in self.segments]
         self.eliminated = [self._eliminated(k, motion) for k, motion in enumerate(self.motions)]
         self.usable &= self._sure()
         self.usable[:, self.usable.sum(axis=0) < _FEW] = False
@@ -144,6 +158,7 @@ class GroundRows(Rows):
         )
         other.expect(self.gain, self.spread)
         other.lead = self.lead
+        other.band = self.band
         other.usable[:, :BASE] &= self.usable[:, :BASE].any()
         return other
 
@@ -315,15 +330,19 @@ class GroundRows(Rows):
     def acting(self, number: int, delay: Array, lag: float = 0.0) -> Array:
         """(M, k) unfiltered commands of a motion, late by (k,) seconds.
 
-        Of a PD law the measured motion acts late by `lag` [s].
+        The part of a PD law that the measured motion makes is not late, but by `lag` [s].
         """
         segment, curve = self._commands[number]
-        u = delayed(segment, self.chosen, curve, delay)
+        stated = self.recordings.feedback is not None
+        held = 0.0 if stated or self.law is None else 0.5 / self.recordings.rate
+        u = delayed(segment, self.chosen, curve, delay + held)
         motion = self.motions[number]
-        law = self.recordings.feedback
-        if law is not None:  # its damping is part of viscous friction
-            earlier = motion.q[:, BASE + 1 :] - lag * motion.v[:, BASE:]
-            u = u - law[0] * earlier + lag * law[1] * motion.a[:, BASE:]
+        if self.law is not None:
+            kp, kd = self.law
+            u = u - kp * (motion.q[:, BASE + 1 :] - lag * motion.v[:, BASE:])
+            u = u + lag * kd * motion.a[:, BASE:]
+            if not stated:  # else damping is part of viscous friction
+                u = u - kd * motion.v[:, BASE:]
         return u * np.sign(self.robot.gain)
 
     def commands(self, delay: Array) -> Array:
@@ -333,34 +352,27 @@ class GroundRows(Rows):
         )
 
     def problem(
-        self, delay: Array, speed: int | None = None, lead: float | None = None, lag: float = 0.0
+        self,
+        delay: Array,
+        speed: int | None = None,
+        lead: float | None = None,
+        band: int | None = None,
+        lag: float = 0.0,
     ) -> FitProblem:
         """The fit with commands that act late by (k,) seconds; `lag` is that of `acting`.
 
         Coulomb friction is proportional to tanh(v(t + `lead`)/s), with s of index `speed` in
-        `SPEEDS`; None for those of the rows.
+        `SPEEDS` and v up to the frequency of index `band` in `BANDS`; None for those of the rows.
         """
         space = self.space
         at = space.actuators
-        rubbed = [
-            space.index(f"{COLUMNS['coulomb'].letter}_{j + 1}") for j in range(len(self.gain))
-        ]
-        s = SPEEDS[self.speed if speed is None else speed]
-        lead = self.lead if lead is None else lead
         Y = self.fixed.copy()
-        acting = []
-        rubbing = []
-        for number, each in enumerate(self.eliminated):
-            u = self.acting(number, delay, lag)[:, self.driven]
-            own = each.E[:, :, [BASE + j for j in self.driven]]
-            acting.append(self.chosen.rows(-own * u[:, None, :]))
-            t = self.segments[number].log.t
-            ahead = self.motions[number].t + lead
-            v = np.column_stack([np.interp(ahead, t, column) for column in self._turned[number].T])
-            sign = np.tanh(v / s)
-            rubbing.append(self.chosen.rows(each.E[:, :, BASE:] * sign[:, None, :]))
-        Y[:, :, at] = np.concatenate(acting)
-        Y[:, :, rubbed] = np.concatenate(rubbing)
+        Y[:, :, at] = self._driven_rows(delay, lag)
+        Y[:, :, self._rubbed] = self._rubbing_rows(
+            self.speed if speed is None else speed,
+            self.lead if lead is None else lead,
+            self.band if band is None else band,
+        )
         own = file_links(self.robot.model)
         frictions = np.concatenate([self._guess(name) for name in FRICTIONS])
         prior = np.concatenate([own, frictions, self.gain[self.driven]])
@@ -380,6 +392,64 @@ class GroundRows(Rows):
         )
         of_rows = (self.usable, self.t, self.segment)
         return FitProblem(space, Y, *of_rows, prior, spread, none, size, whole=whole)
+
+    def sums(self, delay: Array, speed: int, lead: float, band: int) -> Sums:
+        """The Gramians of `problem` with other commands and dry friction, but not its rows."""
+        at = np.concatenate([self.space.actuators, self._rubbed])
+        varied = [self._driven_rows(delay, 0.0), self._rubbing_rows(speed, lead, band)]
+        varied = np.concatenate(varied, axis=2) * self.usable[:, :, None]
+        found = self._sums.sums.copy()
+        for row, each in enumerate(found):
+            each[:, at] = self.fixed[:, row].T @ varied[:, row]
+            each[at] = each[:, at].T
+            each[np.ix_(at, at)] = varied[:, row].T @ varied[:, row]
+        return Sums(found, self._sums.counts)
+
+    @cached_property
+    def _sums(self) -> Sums:
+        """Gramians of `fixed`."""
+        return Sums.of(self.fixed, self.usable)
+
+    @property
+    def _rubbed(self) -> list[int]:
+        """(k,) indices of Coulomb friction in θ."""
+        letter = COLUMNS["coulomb"].letter
+        return [self.space.index(f"{letter}_{j + 1}") for j in range(len(self.gain))]
+
+    def _driven_rows(self, delay: Array, lag: float) -> Array:
+        """(N, n, d) columns of the motors' gains; see `acting`."""
+
+        def own(number: int) -> Array:
+            u = self.acting(number, delay, lag)[:, self.driven]
+            E = self.eliminated[number].E[:, :, [BASE + j for j in self.driven]]
+            return -E * u[:, None, :]
+
+        return self._columns("driven", (*delay.tolist(), lag), own)
+
+    def _rubbing_rows(self, speed: int, lead: float, band: int) -> Array:
+        """(N, n, k) columns of Coulomb friction; see `problem`."""
+
+        def own(number: int) -> Array:
+            segment = self.segments[number]
+            if (number, band) not in self._turned:
+                self._turned[number, band] = turning(segment, self.chosen, BANDS[band])
+            ahead = self.motions[number].t + lead
+            each = self._turned[number, band].T
+            v = np.column_stack([np.interp(ahead, segment.log.t, x) for x in each])
+            sign = np.tanh(v / SPEEDS[speed])
+            return self.eliminated[number].E[:, :, BASE:] * sign[:, None, :]
+
+        return self._columns("rubbing", (speed, lead, band), own)
+
+    def _columns(self, name: str, key: tuple[object, ...], own: Callable[[int], Array]) -> Array:
+        """(N, n, ·) filtered columns of every motion; the last ones of a name are kept.
+
+        Searches vary commands or friction, not both.
+        """
+        if name not in self._kept or self._kept[name][0] != key:
+            parts = [self.chosen.rows(own(number)) for number in range(len(self.motions))]
+            self._kept[name] = key, np.concatenate(parts)
+        return self._kept[name][1]
 
 
 def smooth_ground(ground: Ground, segment: LogSegment, chosen: Filter) -> Smooth:
@@ -430,18 +500,19 @@ def _travelled(segment: LogSegment, chosen: Filter) -> Array:
     return np.asarray(found, dtype=np.float64)
 
 
-def turning(segment: LogSegment, chosen: Filter) -> Array:
+def turning(segment: LogSegment, chosen: Filter, band: float) -> Array:
     """(N, k) velocities of the joints by which dry friction turns, at the samples of a segment.
 
     Friction follows the sign of a velocity that is seldom far from 0, so noise flattens it, and
-    what then is missing is taken for rotor inertia. Measured velocities and slopes of positions,
-    weighted by their noise up to `_TURNING`, are the least noisy ones.
+    what then is missing is taken for rotor inertia, or, of a joint that creeps under its load, for
+    a larger gain. Measured velocities and slopes of positions, weighted by their noise up to a
+    frequency, are the least noisy ones.
     """
     log = segment.log
     if len(log.t) < 8:
         return log.v
     position, velocity = noise_levels(log)
-    band = min(_TURNING, chosen.smoothing)
+    band = min(band, chosen.smoothing)
     of_slope = (2 * np.pi * band * position) ** 2 / 3  # mean of ω² up to the band's end
     total = of_slope + velocity**2
     share = of_slope / total if total > 0 else 0.5

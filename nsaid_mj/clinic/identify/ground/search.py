@@ -15,13 +15,14 @@ import numpy as np
 import scipy
 
 from ....base import Finding
-from ....core import Array
+from ....core import Array, Sums
 from ....lab import INTERVAL
 from ....robots import RobotModel
+from ...logs.pd_law import feedback_in
 from ...logs.recordings import Recordings
 from ..choose.columns import SPEEDS
 from ..choose.cutoff import NARROWER
-from ..fit import Fit, inflation, minimise, tempered, tempered_fit
+from ..fit import Fit, inflation, minimise, tempered_fit
 from ..joint_checks import GUESSED, NOMINAL, STATED
 from ..problem import FitProblem
 from ..result import JointStructure, Options, Structured
@@ -29,7 +30,7 @@ from ..smoothing import Filter
 from .feet import feet_of, imu_pose
 from .odometry import with_odometry
 from .offsets import Offsets, displaced, estimated
-from .rows import BASE, FRICTIONS, Ground, GroundRows, total_mass
+from .rows import BANDS, BASE, FRICTIONS, Ground, GroundRows, total_mass
 from .sensors import sensors_of, with_sensors
 from .stance import Stance, stance
 
@@ -68,7 +69,8 @@ def structured_ground(
     measured = recordings.imu.accelerometer is not None
     cutoff = min(options.cutoff or (_CUTOFF if measured else _SLOW), 0.2 * recordings.rate)
     chosen = filter_of(recordings, cutoff)
-    rows = GroundRows(robot, recordings, chosen, Ground(feet, pose), _SPEED)
+    law = feedback_in(recordings) if recordings.feedback is None else None
+    rows = GroundRows(robot, recordings, chosen, Ground(feet, pose, law=law), _SPEED)
     rows.expect(*expected_gains(rows))
     k = len(robot.joints)
     delay = np.zeros(k) if options.delay is None else options.delay
@@ -78,18 +80,10 @@ def structured_ground(
         rows = rows.like(with_odometry(rows, _stance(rows, fit, delay)))
         fit = minimise(rows.problem(delay), start=fit.theta)
     rows, seen = _released(rows, fit, delay)
-    findings = [said, where, *_swing(rows, seen), *_damping(rows)]
-    findings += _sensors(rows, seen)
-    if not measured:
-        text = "without an accelerometer the base's acceleration is taken from the feet that bear "
-        text += (
-            f"load, as if they stood still; it is used up to {cutoff:g} Hz, and no delay of the "
-        )
-        text += "commands is sought"
-        remedy = "Log the IMU's specific force, too."
-        findings.append(Finding("warning", "no_accelerometer", "base", text, remedy))
+    findings = [said, where, *_swing(rows, seen), *_damping(rows), *_implied(rows)]
+    findings += [*_sensors(rows, seen), *_without_accelerometer(rows)]
     report("finding how dry friction turns")
-    rows.speed, rows.lead = _friction(rows, fit.theta, delay)
+    fit = _with_friction(rows, fit, delay)
     report("comparing IMU and joints")
     rows, fit, offsets = _allowed(rows, fit, delay)
     findings += offsets.findings([foot.name for foot in feet])
@@ -99,12 +93,12 @@ def structured_ground(
         others = [_DOUBTED]
     elif options.delay is None:
         report("finding the commands' delay")
-        common, deviation = _delay(rows, fit.theta)
+        common, deviation = _delay(rows, fit)
         delay = np.full(k, common)
         half = INTERVAL * deviation
         interval = (common - half, common + half)
         others = [common + deviation]
-    rows.speed, rows.lead = _friction(rows, fit.theta, delay)
+    fit = _with_friction(rows, fit, delay)
     problem = rows.problem(delay)
     checked = None
     if validation is not None:
@@ -133,16 +127,19 @@ def _allowed(rows: GroundRows, fit: Fit, delay: Array) -> tuple[GroundRows, Fit,
     A large error of the IMU hides others, and which feet bear load, so it is found first.
     """
     total = 0.0
-    if rows.recordings.feedback is not None:
+    if rows.law is not None:
         rows.ground = _answered(rows, fit.theta)
     for last in (False, False, True):
         problem = rows.problem(delay)
-        fit, share = tempered_fit(problem)
+        fit, share = tempered_fit(problem, fit.theta)
         offsets = estimated(rows, problem, fit.theta, delay, share)
         if last or not offsets.of_imu.any():
             break
         total = total + offsets.of_imu
         changed = displaced(rows.ground, offsets.entries, offsets.of_imu)
+        if offsets.at_steps_alone:  # which changes no foot's load by much
+            rows = rows.like(ground=changed)
+            continue
         rows = rows.like(ground=replace(changed, touching=None))
         fit = minimise(rows.problem(delay), start=fit.theta)
         rows, _ = _released(rows, fit, delay)
@@ -222,6 +219,17 @@ def expected_gains(rows: GroundRows) -> tuple[Array, Array]:
     return gain, np.where(stated, STATED, np.where(nominal, NOMINAL, GUESSED))
 
 
+def _without_accelerometer(rows: GroundRows) -> Iterator[Finding]:
+    """What is taken in place of the base's specific force, where nothing measures it."""
+    if rows.recordings.imu is None or rows.recordings.imu.accelerometer is not None:
+        return
+    text = "without an accelerometer the base's acceleration is taken from the feet that bear "
+    text += f"load, as if they stood still; it is used up to {rows.chosen.cutoff:g} Hz, and no "
+    text += "delay of the commands is sought"
+    remedy = "Log the IMU's specific force, too."
+    yield Finding("warning", "no_accelerometer", "base", text, remedy)
+
+
 def _swing(rows: GroundRows, seen: Stance) -> Iterator[Finding]:
     """How long each foot bears load, and which ones never swing."""
     names = [foot.name for foot in rows.ground.feet]
@@ -242,27 +250,57 @@ def _swing(rows: GroundRows, seen: Stance) -> Iterator[Finding]:
 _RARE = 0.01  # share of swing below which a foot counts as never released
 
 
-def _friction(rows: GroundRows, theta: Array, delay: Array) -> tuple[int, float]:
-    """The speed's index in `SPEEDS` and the lead of dry friction with the least cost.
+class _Trials:
+    """Fits of other delays and dry friction, each from the best one before.
 
-    Both are common to all joints.
+    Attributes:
+        best: the fit of least cost so far.
     """
-    share = inflation(rows.problem(delay), theta)
+
+    def __init__(self, rows: GroundRows, fit: Fit, delay: Array):
+        self._rows = rows
+        self._problem = rows.problem(delay)
+        self._share = inflation(self._problem, fit.theta)
+        self.best = fit._replace(cost=np.inf)  # of other weights
+
+    def cost(self, delay: Array, speed: int, lead: float, band: int) -> float:
+        """The cost of a delay (k,) and of dry friction; see `GroundRows.sums`."""
+        sums = self._rows.sums(delay, speed, lead, band)
+        parts = Sums(sums.sums / self._share[:, None, None], sums.counts / self._share)
+        found = minimise(self._problem, parts, self.best.theta)
+        if found.cost < self.best.cost:
+            self.best = found
+        return found.cost
+
+
+def _with_friction(rows: GroundRows, fit: Fit, delay: Array) -> Fit:
+    """Gives rows the dry friction with the least cost, and returns the fit with it.
+
+    Its speed, lead and band are common to all joints.
+    """
+    trials = _Trials(rows, fit, delay)
 
     @cache
-    def cost(speed: int, lead: int) -> float:
-        problem = rows.problem(delay, speed, _LEADS[lead])
-        return minimise(problem, tempered(problem, share), theta).cost
+    def cost(speed: int, lead: int, band: int) -> float:
+        return trials.cost(delay, speed, _LEADS[lead], band)
 
-    best = rows.speed, _LEADS.index(rows.lead)
+    best = rows.speed, _LEADS.index(rows.lead), rows.band
+    counts = len(SPEEDS), len(_LEADS), len(BANDS)
     while True:
-        speed, lead = best
-        near = [(s, lead) for s in range(max(speed - 1, 0), min(speed + 2, len(SPEEDS)))]
-        leads = [(speed, k) for k in range(max(lead - 1, 0), min(lead + 2, len(_LEADS)))]
-        found = min((best, *near, *leads), key=lambda each: cost(*each))
+        near = [
+            (*best[:k], best[k] + step, *best[k + 1 :])
+            for k, count in enumerate(counts)
+            for step in (-1, 1)
+            if 0 <= best[k] + step < count
+        ]
+        found = min((best, *near), key=lambda each: cost(*each))
         if found == best:
-            return speed, _LEADS[lead]
+            break
         best = found
+    rows.speed = best[0]
+    rows.lead = _LEADS[best[1]]
+    rows.band = best[2]
+    return trials.best
 
 
 def _damping(rows: GroundRows) -> Iterator[Finding]:
@@ -274,16 +312,31 @@ def _damping(rows: GroundRows) -> Iterator[Finding]:
         yield Finding("note", "damping", "", text)
 
 
-def _delay(rows: GroundRows, theta: Array) -> tuple[float, float]:
+def _implied(rows: GroundRows) -> Iterator[Finding]:
+    """Whether measured torques are those of a PD law whose targets step."""
+    if rows.recordings.feedback is not None or rows.law is None:
+        return
+    joints = [joint for joint, kp in zip(rows.robot.joints, rows.law[0], strict=True) if kp]
+    ranges = [
+        f"{name} {values.min():.3g} to {values.max():.3g}"
+        for name, values in zip(("kp", "kd"), rows.law[:, rows.law[0] > 0], strict=True)
+    ]
+    text = f"the commands are torques of a PD law whose targets step ({', '.join(ranges)}, in the "
+    text += "commands' units): only the targets' part is taken to act late. If the law ran no "
+    text += "faster than the log, rotor inertia and viscous friction would be larger, by kd and kp "
+    text += "times half of a row's time; their intervals allow for it"
+    remedy = "Log the torques faster, or as a mean from row to row."
+    yield Finding("note", "implied_law", ", ".join(joints), text, remedy)
+
+
+def _delay(rows: GroundRows, fit: Fit) -> tuple[float, float]:
     """The common delay of the commands with the least cost, and its standard deviation [s]."""
     k = len(rows.robot.joints)
-    first = rows.problem(np.zeros(k))
-    share = inflation(first, theta)
+    trials = _Trials(rows, fit, np.zeros(k))
 
     @cache
     def cost(late: float) -> float:
-        problem = rows.problem(np.full(k, late))
-        return minimise(problem, tempered(problem, share), theta).cost
+        return trials.cost(np.full(k, late), rows.speed, rows.lead, rows.band)
 
     best = 0.0
     for step in _STEPS:
@@ -317,7 +370,7 @@ def _structures(
 
 
 def _alternatives(rows: GroundRows, delay: Array, others: Sequence[float]) -> Iterator[FitProblem]:
-    """Other plausible problems: another delay, friction speed or lead, and cut-off."""
+    """Other plausible problems: another delay, friction speed, lead or band, and cut-off."""
     for other in others:
         yield rows.problem(np.full(len(delay), other))
     for speed in {max(rows.speed - 2, 0), min(rows.speed + 2, len(SPEEDS) - 1)} - {rows.speed}:
@@ -325,7 +378,11 @@ def _alternatives(rows: GroundRows, delay: Array, others: Sequence[float]) -> It
     for lead in _LEADS:
         if lead != rows.lead:
             yield rows.problem(delay, lead=lead)
+    for band in {max(rows.band - 1, 0), min(rows.band + 1, len(BANDS) - 1)} - {rows.band}:
+        yield rows.problem(delay, band=band)
     if rows.recordings.feedback is not None:
         yield rows.problem(delay, lag=_LAG)
+    elif rows.law is not None:
+        yield rows.problem(delay, lag=0.5 / rows.recordings.rate)
     chosen = filter_of(rows.recordings, NARROWER * rows.chosen.cutoff)
     yield rows.like(chosen=chosen).problem(delay)

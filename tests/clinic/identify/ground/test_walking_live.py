@@ -9,12 +9,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import nsaid_mj
 from nsaid_mj.base import InvalidInput
+from nsaid_mj.clinic.identify.identify import identify_forces
 from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.clinic.session import LiveEstimate
-from nsaid_mj.clinic.walking import WalkingSamples, first_of, identified_along, walks
+from nsaid_mj.clinic.walking import (
+    SAMPLE,
+    WalkingSamples,
+    first_of,
+    identified_along,
+    walks,
+)
 
-from .walking import GAINS, walked
+from .walking import GAINS, Walked, walked
 
 JOINTS = ("hip", "knee")
 
@@ -64,25 +72,58 @@ def test_the_first_sample_says_whether_a_robot_walks(tmp_path: Path) -> None:
             assert read(WalkingSamples(JOINTS, receiver)).seconds == pytest.approx(0.1)
 
 
+def sampled(log: Walked) -> list[np.ndarray]:
+    """Times (N,), positions, velocities, commands and IMU (N, ·) of a log."""
+    rows = np.loadtxt(log.log, delimiter=",", skiprows=1)
+    k = len(log.joints)
+    return [rows[:, 0], *np.split(rows[:, 1:], [k, 2 * k, 3 * k], axis=1)]
+
+
 @pytest.mark.slow
 def test_gains_move_to_the_truth_while_the_robot_walks(tmp_path: Path) -> None:
     log = walked(tmp_path, seconds=14.0)
-    rows = np.loadtxt(log.log, delimiter=",", skiprows=1)
-    names = log.log.read_text().partition("\n")[0].split(",")
-    k = len(log.joints)
-    kinds = ("pos", "vel", "cur")
-    header = [name for name in names if name != names[0]]
-    columns = [[names.index(n) for n in header[j * k : (j + 1) * k]] for j in range(len(kinds))]
-    imu = [names.index(name) for name in header[3 * k :]]
+    t, *parts = sampled(log)
 
-    def sample(row: np.ndarray) -> bytes:
-        parts = dict(zip("qvu", (row[own].tolist() for own in columns), strict=True))
-        return json.dumps({"t": row[0], **parts, "imu": row[imu].tolist()}).encode() + b"\n"
+    def sample(k: int) -> bytes:
+        row = [float(t[k]), *(part[k].tolist() for part in parts)]
+        return json.dumps(dict(zip(SAMPLE, row, strict=True))).encode() + b"\n"
 
     shown: list[LiveEstimate] = []
-    samples = WalkingSamples(tuple(log.joints), io.BytesIO(b"".join(map(sample, rows))))
+    samples = WalkingSamples(tuple(log.joints), io.BytesIO(b"".join(map(sample, range(len(t))))))
     options = {"lock": (), "joints": None}
     identified_along(str(log.model), options, samples, tmp_path / "live", shown.append, print)
     ratio = np.array([gain.value for gain in shown[-1].gains]) / GAINS
     assert np.log(ratio).std() < 0.01
     assert all(np.isfinite([gain.low, gain.high]).all() for gain in shown[-1].gains)
+
+
+def test_the_readings_of_an_imu_belong_to_every_sample(tmp_path: Path) -> None:
+    log = walked(tmp_path, seconds=1.0)
+    own = [0.1] * len(log.joints)
+    identifier = nsaid_mj.live(str(log.model), rate=100.0, out=tmp_path / "live")
+    with pytest.raises(InvalidInput, match="imu of 7 or 10 numbers"):
+        identifier.update(0.0, own, own, own, [1.0, 0.0, 0.0])
+    with pytest.raises(InvalidInput, match="Write `with"):  # the first sample is kept
+        identifier.update(0.0, own, own, own, [1.0] * 10)
+    with pytest.raises(InvalidInput, match="all samples with it, or none"):
+        identifier.update(0.1, own, own, own)
+    arm = nsaid_mj.live("z1", rate=100.0, out=tmp_path / "arm")
+    with pytest.raises(InvalidInput, match="a robot that stands and walks, got another robot"):
+        arm.update(0.0, own, own, own, [1.0] * 10)
+
+
+@pytest.mark.slow
+def test_python_gets_what_identify_says_of_the_same_samples(tmp_path: Path) -> None:
+    log = walked(tmp_path, seconds=9.0)
+    t, *parts = sampled(log)
+    with nsaid_mj.live(str(log.model), out=tmp_path / "live") as identifier:
+        for k, at in enumerate(t.tolist()):
+            identifier.update(at, *(part[k] for part in parts))
+    last = identifier.estimate
+    assert last is not None and last.samples == len(t)
+    found = identify_forces(str(log.model), tmp_path / "live" / "walk.csv")
+    assert np.array_equal(last.theta_hat, [p.value for p in found.parameters])
+    assert [gain.name for gain in last.gains] == [p.name for p in found.gains]
+    assert all(gain.low < gain.value < gain.high for gain in last.gains)
+    assert identifier.summary["verdict"] == found.verdict
+    assert (tmp_path / "live" / "report.html").is_file()
