@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import ast
 import random
-import re
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from scripts.called import Calls
+
 ROOT = Path(__file__).parents[1]
-NEAREST = 3  # files of tests that should notice a fault
+SECONDS = 25.0  # processor time of tests that should notice a fault [s]
 _OPPOSITE: dict[type, type] = {
     ast.Lt: ast.GtE,
     ast.GtE: ast.Lt,
@@ -37,14 +38,13 @@ _LIKE = {
 } | {"minimum": "maximum", "maximum": "minimum", "first": "last", "last": "first"}
 
 
-_IMPORTS = re.compile(r"from (\.+)([\w.]*) import (\([^)]*\)|[^\n]*)")
-
-
 class Fault(NamedTuple):
     """A file with one wrong line.
 
     Attributes:
         file: from the root.
+        function: that the line is in, with its class; the class, or "", outside of functions.
+        assigned: names that the statement gives values to.
         text: of the whole file, without comments.
         line: of the file as it is.
         before: the statement, or its first line.
@@ -52,6 +52,8 @@ class Fault(NamedTuple):
     """
 
     file: str
+    function: str
+    assigned: tuple[str, ...]
     text: str
     line: int
     before: str
@@ -79,6 +81,7 @@ def drawn(files: list[Path], rng: random.Random) -> Fault:
         path, place = rng.choice(places)
         tree = _tree(path)
         statement, change = _changes(tree)[place]
+        function = _places(tree)[statement]
         before = ast.unparse(statement).splitlines()
         change(rng)
         after = ast.unparse(ast.fix_missing_locations(statement)).splitlines()
@@ -88,7 +91,32 @@ def drawn(files: list[Path], rng: random.Random) -> Fault:
             line = statement.lineno
             text = ast.unparse(tree) + "\n"
             name = path.relative_to(ROOT).as_posix()
-            return Fault(name, text, line, before[at].strip(), after[at].strip())
+            assigned = _assigned(statement)
+            return Fault(
+                name, function, assigned, text, line, before[at].strip(), after[at].strip()
+            )
+
+
+def _assigned(statement: ast.stmt) -> tuple[str, ...]:
+    names = (node for node in ast.walk(statement) if isinstance(node, ast.Name))
+    return tuple({node.id: 0 for node in names if isinstance(node.ctx, ast.Store)})
+
+
+def _places(tree: ast.Module) -> dict[ast.stmt, str]:
+    """The function or class that every statement is in, by the name that Python gives to it."""
+    found: dict[ast.stmt, str] = {}
+    left: list[tuple[ast.AST, str]] = [(tree, "")]
+    while left:
+        node, prefix = left.pop()
+        if isinstance(node, ast.stmt):
+            found[node] = prefix.removesuffix(".").removesuffix(".<locals>")
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found[node] = prefix + node.name
+            prefix += (
+                f"{node.name}.<locals>." if isinstance(node, ast.FunctionDef) else f"{node.name}."
+            )
+        left += [(child, prefix) for child in ast.iter_child_nodes(node)]
+    return found
 
 
 def _tree(path: Path) -> ast.Module:
@@ -177,62 +205,71 @@ def _other_number(value: float, rng: random.Random) -> float:
     return rng.choice([2 * value, value / 2]) if value else 1.0
 
 
-def nearest(file: str) -> tuple[str, ...]:
-    """The files of tests that import a module, those that mirror its place and name first.
+def nearest(fault: Fault, calls: Calls) -> tuple[str, ...]:
+    """Tests that call the function that has a fault; of those that take long, the cheaper ones.
 
-    Of a module that no test imports, those of the modules that import it, or of the command line.
+    The tests of its place and name come first, then the cheapest of every file of tests, then the
+    second ones. Outside of functions, tests of the functions that read what the statement sets,
+    or else of all functions of its class or file.
     """
-    tests = {path: path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("test_*.py")}
-    sources = {
-        path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
-        for path in (ROOT / "nsaid_mj").rglob("*.py")
-    }
-    asked = {file}
-    left = [file]
-    while left:
-        found = _ranked(left, tests)
-        if found:
-            return tuple(path.relative_to(ROOT).as_posix() for path in found[:NEAREST])
-        users = {
-            name
-            for one in left
-            for name, text in sources.items()
-            if name not in asked and one in _imports(name, text)
-        }
-        asked |= users
-        left = sorted(users)
-    return ("tests/cli/test_cli.py", "tests/cli/test_exit_codes.py")
-
-
-def _ranked(files: list[str], tests: dict[Path, str]) -> list[Path]:
-    """The tests that import any of some modules, or mirror them; first those of its place, name."""
+    called: set[str] = set()
+    for function in _affected(fault, calls):
+        called.update(calls.functions.get(function, ()))
+    source = Path(fault.file).relative_to("nsaid_mj")
+    by_file: dict[str, list[str]] = defaultdict(list)
+    for test in sorted(called, key=lambda test: calls.seconds[test]):
+        by_file[test.partition("::")[0]].append(test)
     ranked = []
-    for path, text in tests.items():
-        rank = 0
-        for file in files:
-            source = Path(file)
-            mirrored = ROOT / "tests" / source.relative_to("nsaid_mj").parent
-            close = mirrored.is_relative_to(path.parent)
-            named = source.stem.strip("_") in path.stem
-            if (close and named) or _from_outside(file).search(text):
-                rank = max(rank, 1 + close + 2 * named)
-        if rank:
-            ranked.append((-rank, path))
-    return [path for _, path in sorted(ranked)]
+    for file, tests in by_file.items():
+        beside = (Path("tests") / source.parent).is_relative_to(Path(file).parent)
+        named = source.stem.strip("_") in file
+        far = 2 - beside - named
+        ranked += [
+            (far, k if far else 0, calls.seconds[test], test) for k, test in enumerate(tests)
+        ]
+    chosen: list[str] = []
+    paid: set[str] = set()
+    spent = 0.0
+    for *_, test in sorted(ranked):
+        new = set(calls.shared.get(test, ())) - paid
+        cost = calls.seconds[test] + sum(calls.fixtures[key] for key in new)
+        if not chosen or spent + cost < SECONDS:
+            chosen.append(test)
+            paid |= new
+            spent += cost
+    return tuple(chosen)
 
 
-def _from_outside(file: str) -> re.Pattern[str]:
-    """How a test imports a module."""
-    parent, _, stem = file.removesuffix(".py").replace("/", ".").rpartition(".")
-    whole = re.escape(f"{parent}.{stem}")
-    return re.compile(rf"{whole}\b|from {re.escape(parent)} import (\([^)]*|.*)\b{stem}\b")
+def _affected(fault: Fault, calls: Calls) -> Iterable[str]:
+    """The functions whose callers should notice a fault."""
+    inner = fault.file.removeprefix("nsaid_mj/")
+    tree = ast.parse(fault.text)
+    places = _places(tree)
+    functions = {name for node, name in places.items() if isinstance(node, ast.FunctionDef)}
+    place = fault.function
+    if place not in functions:
+        of_class = [f"{inner}:{name}" for name in functions if name.startswith(place)]
+        return _readers(fault.assigned) & calls.functions.keys() or of_class
+    while f"{inner}:{place}" not in calls.functions and ".<locals>." in place:
+        place = place.rpartition(".<locals>.")[0]
+    return [f"{inner}:{place}"]
 
 
-def _imports(name: str, text: str) -> set[str]:
-    """The files that a file of the package imports relative to itself, as far as they exist."""
+def _readers(names: tuple[str, ...]) -> set[str]:
+    """Functions of the package that read any of some names."""
     found: set[str] = set()
-    for dots, module, names in _IMPORTS.findall(text):
-        base = Path(name).parents[len(dots) - 1].joinpath(*module.split("."))
-        parts = [part.split(" as ")[0].strip() for part in names.strip("()").split(",")]
-        found |= {f"{base.as_posix()}.py", *(f"{base.as_posix()}/{part}.py" for part in parts)}
+    for path in (ROOT / "nsaid_mj").rglob("*.py"):
+        tree = _tree(path)
+        inner = path.relative_to(ROOT / "nsaid_mj").as_posix()
+        for node, place in _places(tree).items():
+            if isinstance(node, ast.FunctionDef) and _reads(node, names):
+                found.add(f"{inner}:{place}")
     return found
+
+
+def _reads(function: ast.FunctionDef, names: tuple[str, ...]) -> bool:
+    return any(
+        (isinstance(node, ast.Name) and node.id in names)
+        or (isinstance(node, ast.Attribute) and node.attr in names)
+        for node in ast.walk(function)
+    )

@@ -9,36 +9,49 @@ survive, why that does not matter. Every named test must pass before anything is
 killed and survived, and ends with 1 if fewer than nine in ten are killed.
 
 With `--draw` faults of one line are drawn instead, from all houses and rooms alike or from those
-named (`scripts/drawn.py`), and the tests nearest to each file, at most three files of
-them, must notice. A fault in a kernel's source runs as plain Python; one whose tests take longer
-than `LONGEST` then counts as undecided. Lines that only word a message, and faults that change no
-result, are among what is drawn: read the survivors.
+named (`scripts/drawn.py`). The tests that call the function must notice, as far as they take
+25 s: those of its place first, then the cheapest of every other file. `python -m scripts.called`
+finds out once which tests call it. A test that fails counts only if it passes without the fault;
+tests that take more than `LONGEST` leave it undecided. Lines that only word a message, and faults
+that change no result, are among what is drawn: read the survivors.
 
-Kernels are compiled in a cache of the copy's own, again where a mutant is in one of their sources.
-Those of a room that is `interpreted` run as plain Python.
+Kernels are compiled in a cache of the copy's own. Of a drawn fault in a kernel's source, only the
+kernels that have the wrong text are compiled again. Those of a room that is `interpreted` run as
+plain Python.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
+import json
+import lzma
 import os
+import pkgutil
 import random
+import resource
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
+import time
 import tomllib
+from collections import Counter, defaultdict
 from pathlib import Path
 from typing import NamedTuple
 
-from nsaid_mj.core.numerics.cache import kernel_sources
-from scripts.drawn import drawn, nearest, rooms
+import nsaid_mj
+from nsaid_mj.core.numerics import cache, shipped
+from nsaid_mj.core.numerics.kernels import KERNELS, Kernel
+from scripts import called
+from scripts.drawn import Fault, drawn, nearest, rooms
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "scripts" / "mutants"
 KILLED = 0.9  # least share
-LONGEST = 120.0  # time in which the tests of a drawn fault must end [s]
-TREES = ("nsaid_mj", "tests", "scripts", "assets", "scenarios")
+LONGEST = 120  # processor time in which the tests of a fault must end [s]
+TREES = ("nsaid_mj", "tests", "scripts", "assets", "scenarios", "docs", "examples")
 
 
 class Mutant(NamedTuple):
@@ -89,37 +102,53 @@ def copied(folder: Path) -> None:
             shutil.copytree(ROOT / name, folder / name, symlinks=True)
     for file in (*ROOT.glob("*.toml"), *ROOT.glob("*.md")):
         shutil.copy2(file, folder / file.name)
+    shutil.copytree(cache.FOLDER, folder / "kernels" / "nsaid-mj" / cache.FOLDER.name)
 
 
-def passes(
-    folder: Path,
-    tests: tuple[str, ...],
-    interpreted: bool = False,
-    longest: float | None = None,
-) -> bool:
+def passes(folder: Path, tests: tuple[str, ...], interpreted: bool = False) -> bool:
     """Whether tests pass in a copy of the tree, with kernels compiled or as plain Python.
 
     Raises:
         SystemExit: they cannot be run at all.
-        TimeoutExpired: they take more than `longest` [s].
+        TimeoutError: they take too long.
     """
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider"]
+    return not failed(folder, tests, interpreted)
+
+
+def failed(folder: Path, tests: tuple[str, ...], interpreted: bool = False) -> str:
+    """The first test that fails in a copy of the tree, or the whole output if none can be run.
+
+    Raises:
+        SystemExit: pytest ends otherwise.
+        TimeoutError: they take too long.
+    """
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-rfE", "-p", "no:cacheprovider"]
     command += ["-n", "0", "-m", "not slow", *tests]
     own = {"PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "kernels")}
     own |= {"NUMBA_DISABLE_JIT": "1"} if interpreted else {}
-    environment = os.environ | {"OMP_NUM_THREADS": "1"} | own
-    done = subprocess.run(
-        command,
-        check=False,
-        cwd=folder,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=longest,
-    )
+    own |= {"OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "", "COLUMNS": "1000"}
+    try:
+        done = subprocess.run(
+            command,
+            check=False,
+            cwd=folder,
+            env=os.environ | own,
+            capture_output=True,
+            text=True,
+            timeout=10 * LONGEST,
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (LONGEST, LONGEST)),
+        )
+    except subprocess.TimeoutExpired as error:
+        raise TimeoutError from error
+    if done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
+        raise TimeoutError
     if done.returncode not in (0, 1, 2, 4):  # 2, 4: a file cannot be imported
         raise SystemExit(f"{' '.join(tests)}: {done.stdout[-500:]}{done.stderr[-500:]}")
-    return done.returncode == 0
+    if not done.returncode:
+        return ""
+    words = done.stdout
+    marked = [test for test in tests if f"FAILED {test}" in words or f"ERROR {test}" in words]
+    return max(marked, key=len, default=done.stdout + done.stderr)
 
 
 def survives(folder: Path, mutant: Mutant) -> bool:
@@ -137,41 +166,105 @@ def survives(folder: Path, mutant: Mutant) -> bool:
 def draw(folder: Path, names: list[str], count: int, seed: int) -> int:
     """Draws `count` faults, runs their nearest tests in a copy of the tree, prints what became."""
     rng = random.Random(seed)
-    compiled = kernel_sources()
+    calls = called.known()
+    if not calls.functions:
+        raise SystemExit("Run `python -m scripts.called` first: which tests call which functions?")
     chosen = {
         room: files
         for room, files in rooms().items()
         if not names or any(f"{room}/".startswith(f"{name.rstrip('/')}/") for name in names)
     }
-    fates: dict[str, list[str]] = {"killed": [], "SURVIVED": [], "undecided": []}
-    sound: dict[tuple[tuple[str, ...], bool], bool] = {}
+    kernels = Kernels(folder)
+    fates: dict[str, Counter[str]] = defaultdict(Counter)
     for _ in range(count):
         room = rng.choice(sorted(chosen))
         fault = drawn(chosen[room], rng)
-        tests = nearest(fault.file)
-        interpreted = fault.file.removeprefix("nsaid_mj/").removesuffix(".py") in compiled
-        path = folder / fault.file
-        text = path.read_bytes()
-        try:
-            if (tests, interpreted) not in sound:
-                sound[tests, interpreted] = passes(folder, tests, interpreted, LONGEST)
-            path.write_text(fault.text, encoding="utf-8")
-            wrong = not passes(folder, tests, interpreted, 2 * LONGEST)
-            fate = (
-                "undecided" if not sound[tests, interpreted] else "killed" if wrong else "SURVIVED"
-            )
-        except subprocess.TimeoutExpired:
-            sound.setdefault((tests, interpreted), False)
-            fate = "undecided"
-        finally:
-            path.write_bytes(text)
-        fates[fate].append(room)
-        print(f"{fate} {fault.file}:{fault.line}: {fault.before}  →  {fault.after}", flush=True)
-        print(f"    {' '.join(tests)}", flush=True)
-    decided = len(fates["killed"]) + len(fates["SURVIVED"])
-    share = len(fates["killed"]) / max(decided, 1)
-    print(f"{len(fates['killed'])} of {decided} killed ({share:.0%}), {count - decided} undecided")
+        tests = nearest(fault, calls)
+        begin = time.monotonic()
+        fate, by = (
+            _fate(folder, fault, tests, kernels) if tests else ("SURVIVED", "no test calls it")
+        )
+        fates[fault.file.split("/")[1]][fate] += 1
+        place = f"{fault.file}:{fault.line} ({fault.function})"
+        print(f"{fate} {place}: {fault.before}  →  {fault.after}")
+        print(f"    {by or f'{len(tests)} tests'}, {time.monotonic() - begin:.0f} s", flush=True)
+    total: Counter[str] = Counter()
+    for house, of_house in sorted(fates.items()):
+        total += of_house
+        print(f"{house:8}", *(f"{number} {fate}" for fate, number in sorted(of_house.items())))
+    share = total["killed"] / max(total["killed"] + total["SURVIVED"], 1)
+    print(f"{total['killed']} killed ({share:.0%}) of {count}, {total['undecided']} undecided")
     return int(share < KILLED)
+
+
+def _fate(folder: Path, fault: Fault, tests: tuple[str, ...], kernels: Kernels) -> tuple[str, str]:
+    """What becomes of a fault, and the test that notices it."""
+    path = folder / fault.file
+    text = path.read_bytes()
+    try:
+        path.write_text(fault.text, encoding="utf-8")
+        kernels.prepare(fault)
+        test = failed(folder, tests)
+    except TimeoutError:
+        return "undecided", ""
+    finally:
+        path.write_bytes(text)
+        kernels.restore()
+    if test in tests and not passes(folder, (test,)):
+        return "undecided", f"{test} fails without the fault"
+    return ("killed", test if test in tests else "not importable") if test else ("SURVIVED", "")
+
+
+class Kernels:
+    """The kernels of a copy of the tree, of which few are compiled again for a fault in a source.
+
+    The package's own code of kernels and numba's cache are valid for the sources as they are. For
+    those with a fault, both are used without the kernels that are made from the wrong text.
+    """
+
+    def __init__(self, folder: Path):
+        self._package = folder / "nsaid_mj"
+        self._home = folder / "kernels" / "nsaid-mj"
+        self._shipped = self._package / shipped.path().relative_to(ROOT / "nsaid_mj")
+        self._before = self._shipped.read_bytes()
+        self._sound = self._home / cache.digest(self._package)
+        for module in pkgutil.walk_packages(nsaid_mj.__path__, "nsaid_mj."):
+            if not module.name.endswith("__main__"):
+                importlib.import_module(module.name)
+
+    def prepare(self, fault: Fault) -> None:
+        """Once the copy has a fault: the kernels without it need not be compiled again."""
+        digest = cache.digest(self._package)
+        if digest == self._sound.name:
+            return
+        wrong = {name for name, kernel in KERNELS.items() if _has(kernel, fault)}
+        content = json.loads(lzma.decompress(self._before))
+        content["origin"][0] = cache.sources_digest(self._package)
+        for symbol in wrong:
+            content["kernels"].pop(symbol, None)
+        self._shipped.write_bytes(lzma.compress(json.dumps(content).encode(), preset=0))
+        if self._sound.is_dir():
+            shutil.copytree(self._sound, self._home / digest)
+        for path in (self._home / digest).rglob("*"):
+            if path.name.removesuffix(".o") in wrong or (
+                path.suffix in (".nbi", ".nbc") and not path.name.startswith("kernels.nsaid_mj_")
+            ):
+                path.unlink()
+
+    def restore(self) -> None:
+        """The kernels of the sound tree again."""
+        self._shipped.write_bytes(self._before)
+        for path in self._home.glob("*"):
+            if path != self._sound:
+                shutil.rmtree(path)
+
+
+def _has(kernel: Kernel, fault: Fault) -> bool:
+    """Whether a kernel's own code is made from a text with a fault, or with what it sets."""
+    own = called.compiled_into(kernel, called=False)
+    if f"{fault.file.removeprefix('nsaid_mj/')}:{fault.function}" in own:
+        return True
+    return any(name in fault.assigned for name in kernel.py_func.__code__.co_names)
 
 
 def main() -> int:

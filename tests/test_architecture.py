@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from scripts import drawn, mutants
+from scripts.called import Calls
 from scripts.houses import STREET, Street, cycles, house_of
 
 OURS = Street()
@@ -294,10 +295,34 @@ def test_every_mutant_changes_a_text_that_its_file_has_once(file: Path):
     assert mutants.mutants_of(file.stem)
 
 
-def test_a_drawn_fault_is_one_wrong_line_of_a_module_and_has_tests_near():
+def test_a_drawn_fault_is_one_wrong_line_of_a_module():
     files = drawn.rooms()["base"]
     for seed in range(3):
         fault = drawn.drawn(files, random.Random(seed))
         assert fault.before != fault.after
         compile(fault.text, fault.file, "exec")
-        assert all((drawn.ROOT / test).is_file() for test in drawn.nearest(fault.file))
+
+
+def test_tests_that_call_a_faulty_function_are_near_those_of_its_place_first_then_the_cheaper():
+    fault = drawn.Fault(
+        "nsaid_mj/core/log.py", "f.<locals>.g", (), FAULTY, 3, "return 1", "return 2"
+    )
+    beside, cheap, dear = (
+        "tests/core/test_log.py::t",
+        "tests/lab/test_x.py::t",
+        "tests/lab/test_y.py::t",
+    )
+    functions = {"core/log.py:f": [dear, cheap, beside], "core/log.py:h": ["tests/other.py::t"]}
+    seconds = {beside: 9.0, cheap: 1.0, dear: 2.0, "tests/other.py::t": 0.1}
+    calls = Calls(functions, seconds, {cheap: ["x"]}, {"x": 3.0})
+    assert drawn.nearest(fault, calls) == (beside, cheap, dear)
+    over = calls._replace(fixtures={"x": drawn.SECONDS})
+    assert drawn.nearest(fault, over) == (beside, dear)
+
+
+FAULTY = """
+def f():
+    def g():
+        return 2
+    return g()
+"""

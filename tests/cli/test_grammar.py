@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
 from nsaid_mj.cli import grammar
 from nsaid_mj.cli.commands import command
+from nsaid_mj.clinic.live import live
 from tests.support.faulty import shell
 
 
@@ -47,6 +50,18 @@ def test_help_shows_no_none_and_no_empty_default(line: str, capsys) -> None:
     assert "{None}|" not in said.replace("{None}|{[INT", "")
     for nothing in ("(default: )", "(default: None)", "(default: '')"):
         assert nothing not in " ".join(said.split())
+
+
+def test_nsaid_live_and_live_in_python_begin_from_the_same_values() -> None:
+    python = {
+        name: parameter.default
+        for name, parameter in inspect.signature(live).parameters.items()
+        if parameter.default is not parameter.empty
+    }
+    typed = {field.name: field.default for field in fields(grammar.Live)}
+    assert python.pop("noise") == (typed["position_noise"], typed["velocity_noise"])
+    for name in ("law", "rate", "frame", "prior_error", "gain", "out", "view"):
+        assert python[name] == typed[name], name
 
 
 def test_a_missing_log_is_no_robot_of_that_name(tmp_path: Path) -> None:

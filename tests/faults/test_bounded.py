@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj import NsaidError
+from nsaid_mj.base.inputs import read_bytes
 from nsaid_mj.clinic.logs.stream import Cleaner
 from nsaid_mj.clinic.logs.tables import read
 from nsaid_mj.clinic.logs.unusable import UnreadableLog
@@ -77,6 +79,16 @@ from nsaid_mj.clinic.logs.stream import standard_input
 threading.Thread(target=list, args=(standard_input(),), daemon=True).start()
 time.sleep(0.3)
 """
+
+
+def test_a_file_beyond_its_limit_is_refused_with_its_name_and_both_sizes(tmp_path: Path) -> None:
+    path = tmp_path / "large"
+    path.write_bytes(bytes(3_000_000))
+    assert len(read_bytes(path, 3_000_000)) == 3_000_000
+    with pytest.raises(OSError, match="it has 3 MB, more than 2 MB") as refused:
+        read_bytes(path, 2_000_000)
+    assert refused.value.errno == errno.EFBIG
+    assert refused.value.filename == str(path)
 
 
 def test_python_ends_while_the_sender_of_live_is_silent() -> None:

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+import pytest
 
-from nsaid_mj.clinic.identify.ground.trial import _Leg, _windows
+from nsaid_mj.clinic.identify.ground.trial import _Leg, _of_legs, _windows
 from nsaid_mj.clinic.identify.models import floating, load_robot_model
 from nsaid_mj.clinic.identify.smoothing import Smooth
 
@@ -57,3 +58,13 @@ def test_windows_lie_where_a_leg_swings_throughout() -> None:
     free = np.ones(100, dtype=bool)
     free[[10, 40, 41]] = False
     assert _windows(free, 20)[:, [0, -1]].tolist() == [[11, 31], [42, 62], [62, 82]]
+
+
+def test_the_error_of_swinging_legs_is_over_their_size_and_of_legs_that_swing_enough() -> None:
+    acting = np.random.default_rng(0).standard_normal((50, 3))
+    acting -= acting.mean(axis=0)
+    half, right = ([(acting, leg), (c * acting, leg)] for c, leg in ((0.5, LEG), (1.0, [6, 7, 8])))
+    seldom = [(acting[:10], [9, 10, 11]), (9 * acting[:10], [9, 10, 11])]
+    assert _of_legs([half]) == pytest.approx(0.5)
+    assert _of_legs([half, right, seldom]) == pytest.approx(0.5 / np.sqrt(2))
+    assert np.isnan(_of_legs([seldom]))
