@@ -150,17 +150,17 @@ from .quotient.cost import Quotient as Quotient
 # Gramians that add over parts of a log.
 from .quotient.gramians import Sums as Sums
 
+# The type of `Acting` in signatures of compiled functions.
+from .structure.acting import ACTING as ACTING
+
+# A structure at some θ, and the workspace of `act`: flat, as one part of a plant's memory.
+from .structure.acting import Acting as Acting
+
 # Writes the generalised forces F θ − C v (n,), and the lower triangle of M into work.M.
 from .structure.acting import act as act
 
 # Adds the forces of columns on joints to force (n,).
 from .structure.acting import act_on_joints as act_on_joints
-
-# One robot's equations.
-from .structure.arrays import StructureArrays as StructureArrays
-
-# Workspace of a stage. Kernels allocate nothing.
-from .structure.arrays import Workspace as Workspace
 
 # Acceleration of gravity [m/s²], known: weight is a column of the mass.
 from .structure.blocks import GRAVITY as GRAVITY
@@ -173,12 +173,6 @@ from .structure.columns import KINDS as KINDS
 
 # A kind of column of F.
 from .structure.columns.kind import Kind as Kind
-
-# The type of every robot.
-from .structure.compiled import STRUCTURE as STRUCTURE
-
-# The type of `Workspace` in signatures of compiled functions.
-from .structure.compiled import WORKSPACE as WORKSPACE
 
 # E with E Jᵀ = 0 and λ̂ of contacts at N samples: E W θ = 0 for every force of contact.
 from .structure.contacts import Elimination as Elimination

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ...base import InvalidInput, UnknownName
 from . import arrays as layout
+from .acting import Acting
 from .arrays import Array, Slopes, StructureArrays, Workspace
 from .columns import KINDS, fluid, joint, thrust
 from .columns.kind import CURVE, LISTED, Kind
@@ -161,15 +162,18 @@ class Structure:
         acting = (column for column in self.columns if theta[column.parameter])
         return self.has_added_inertia(theta) or any(c.kind not in near for c in acting)
 
-    def acting_arrays(self, theta: Array) -> StructureArrays:
-        """`arrays`, without rigid bodies if θ (p,) has none."""
+    def acting(self, theta: Array) -> Acting:
+        """What acts at θ (p,), for a plant; without rigid bodies if θ has none."""
+        arrays = self.arrays
         tens = [i.start for i in self.inertias if i.tensor is None]
-        if any(theta[k : k + 10].any() for k in tens):
-            return self.arrays
-        bodies = self.arrays.bodies.copy()
-        bodies[:, layout.TEN] = -1
-        bodies[:, layout.RIGID] = 0
-        return self.arrays._replace(bodies=bodies)
+        if not any(theta[k : k + 10].any() for k in tens):
+            bodies = arrays.bodies.copy()
+            bodies[:, layout.TEN] = -1
+            bodies[:, layout.RIGID] = 0
+            arrays = arrays._replace(bodies=bodies)
+        work, slopes = self.memory()
+        own = np.array(theta, dtype=np.float64)
+        return Acting(*arrays, own, *work, slopes.state, slopes.F)
 
     def gains_of_commands(self) -> list[list[int]]:
         """For every command, the indices of the parameters that scale it."""

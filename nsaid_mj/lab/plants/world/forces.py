@@ -21,12 +21,10 @@ import numpy as np
 from numba import f8, i8, types, void
 
 from ....core import (
-    STRUCTURE,
-    WORKSPACE,
+    ACTING,
+    Acting,
     Array,
     SecondOrderSystem,
-    StructureArrays,
-    Workspace,
     act,
     act_on_joints,
     kernel,
@@ -53,13 +51,11 @@ _GROUP, _POSE, _PLACED, _LAYOUT = range(_FLOW + 3, _FLOW + 7)
 """Places in userdata: its length; whether commands are activations; their number; whether there is
 inertia beyond MuJoCo's; `Forces.flow`; `Reading.group`; where the base's pose is in qpos; whether
 any force depends on the bodies' poses; place, rows and columns of every part."""
-_DOFS = 10
-_THETA = 11
-_OWN = 12
-_WORK = 22
-_HEADER = _LAYOUT + 3 * (_WORK + len(Workspace._fields))
-"""Parts of the userdata, after those of `StructureArrays`: every velocity's place in qvel, its
-joint's in qpos and in q, and whether q has cosine and sine; θ; `_Memory`; a stage's workspace."""
+_DOFS = len(Acting._fields)
+_OWN = _DOFS + 1
+_HEADER = _LAYOUT + 3 * (_OWN + 8)
+"""Parts of the userdata, after those of `Acting`: every velocity's place in qvel, its joint's in
+qpos and in q, and whether q has cosine and sine; `_ForceWorkspace`."""
 
 _ADDRESSES = types.CPointer(types.uintp)
 _full_m = c_function("mj_fullM", types.uintp, types.uintp, types.uintp)
@@ -100,18 +96,8 @@ class ColumnForces:
     def _parts(self, dofs: Any) -> list[Any]:
         """The parts of the userdata, with the places of all velocities (n, 4)."""
         n = self.system.n
-        work, slopes = self.system.structure.memory()
         own = [np.zeros(size) for size in (self.system.m, n, n, 9, n, n, (n, n), (n, n))]
-        theta = np.array(self.theta, dtype=np.float64)
-        return [
-            *self.system.structure.acting_arrays(theta),
-            dofs,
-            theta,
-            *own,
-            slopes.state,
-            slopes.F,
-            *work,
-        ]
+        return [*self.system.structure.acting(self.theta), dofs, *own]
 
     @property
     def size(self) -> int:
@@ -139,11 +125,9 @@ class _ForceWorkspace(NamedTuple):
     bias: Array  # (n,) MuJoCo's
     M: Array  # (n, n) MuJoCo's
     A: Array  # (n, n) M + Tᵀ M_A T
-    state: Array  # (s,) state of `kinematics.place` at v_r, or at the velocity on the ground
-    F: Array  # (z,) entries of F there
 
 
-_MEMORY = types.NamedTuple((f8[::1],) * 6 + (f8[:, ::1],) * 2 + (f8[::1],) * 2, _ForceWorkspace)
+_MEMORY = types.NamedTuple((f8[::1],) * 6 + (f8[:, ::1],) * 2, _ForceWorkspace)
 
 
 @routine(void(f8[::1], f8[::1], f8[::1], f8))
@@ -197,18 +181,18 @@ def _read(d, dofs, qpos, qvel, own):
     _into_base(d, R, own.ground, 0.0)
 
 
-@routine(void(f8[::1], i8[:, ::1], WORKSPACE, _MEMORY))
-def _push(d, dofs, work, own):
+@routine(void(f8[::1], i8[:, ::1], ACTING, _MEMORY))
+def _push(d, dofs, acting, own):
     """Overwrites F θ − C_A v_r with M q̈ + bias, both of the base in the world's axes.
 
-    M_A's lower triangle is in the stage's workspace.
+    M_A's lower triangle is in `acting`.
     """
     v = own.v
     R = own.R
     force = own.force
     A = own.A
-    added = work.M
-    L = work.L
+    added = acting.M
+    L = acting.L
     M = own.M
     bias = own.bias
     n = force.shape[0]
@@ -260,10 +244,10 @@ def _views(data, at_user, at_ctrl, at_act, at_q, at_v, at_force):
     return d, u, qpos, qvel, array_at(pointer(arrays[at_force], NUMBERS), WORDS)
 
 
-@routine(STRUCTURE(types.uintp), _nrt=True)
-def _structure(user):
-    """The structure, in userdata at an address."""
-    return StructureArrays(
+@routine(ACTING(types.uintp), _nrt=True)
+def _acting(user):
+    """The structure with θ and workspace, in userdata at an address."""
+    return Acting(
         table_of(user, _LAYOUT, 0),
         vector_of(user, _LAYOUT, 1),
         vector_of(user, _LAYOUT, 2),
@@ -274,14 +258,22 @@ def _structure(user):
         table_of(user, _LAYOUT, 7),
         vector_of(user, _LAYOUT, 8),
         table_of(user, _LAYOUT, 9),
+        vector_of(user, _LAYOUT, 10),
+        vector_of(user, _LAYOUT, 11),
+        vector_of(user, _LAYOUT, 12),
+        matrix_of(user, _LAYOUT, 13),
+        matrix_of(user, _LAYOUT, 14),
+        matrix_of(user, _LAYOUT, 15),
+        vector_of(user, _LAYOUT, 16),
+        vector_of(user, _LAYOUT, 17),
+        vector_of(user, _LAYOUT, 18),
     )
 
 
 @routine(void(types.uintp, f8[::1], f8[::1], f8[::1], f8[::1]), _nrt=True)
 def _act_on_joints(user, u, qpos, qvel, passive):
     """Adds the forces on joints, where none depends on the bodies' poses."""
-    structure = _structure(user)
-    theta = vector_of(user, _LAYOUT, _THETA)
+    acting = _acting(user)
     dofs = table_of(user, _LAYOUT, _DOFS)
     angles = vector_of(user, _LAYOUT, _OWN + 1)
     rates = vector_of(user, _LAYOUT, _OWN + 2)
@@ -290,7 +282,7 @@ def _act_on_joints(user, u, qpos, qvel, passive):
         angles[i] = qpos[dofs[i, 1]]
         rates[i] = qvel[dofs[i, 0]]
         force[i] = passive[dofs[i, 0]]
-    act_on_joints(structure, theta, angles, rates, u, force)
+    act_on_joints(acting, angles, rates, u, force)
     for i in range(force.shape[0]):
         passive[dofs[i, 0]] = force[i]
 
@@ -298,15 +290,7 @@ def _act_on_joints(user, u, qpos, qvel, passive):
 @routine(void(types.uintp, types.uintp, types.uintp, *(f8[::1],) * 5), _nrt=True)
 def _act_on_bodies(model, data, user, d, u, qpos, qvel, passive):
     """Adds all forces, from arrays in userdata."""
-    structure = _structure(user)
-    work = Workspace(
-        vector_of(user, _LAYOUT, _WORK),
-        vector_of(user, _LAYOUT, _WORK + 1),
-        matrix_of(user, _LAYOUT, _WORK + 2),
-        matrix_of(user, _LAYOUT, _WORK + 3),
-        matrix_of(user, _LAYOUT, _WORK + 4),
-        vector_of(user, _LAYOUT, _WORK + 5),
-    )
+    acting = _acting(user)
     own = _ForceWorkspace(
         vector_of(user, _LAYOUT, _OWN),
         vector_of(user, _LAYOUT, _OWN + 1),
@@ -316,32 +300,16 @@ def _act_on_bodies(model, data, user, d, u, qpos, qvel, passive):
         vector_of(user, _LAYOUT, _OWN + 5),
         matrix_of(user, _LAYOUT, _OWN + 6),
         matrix_of(user, _LAYOUT, _OWN + 7),
-        vector_of(user, _LAYOUT, _OWN + 8),
-        vector_of(user, _LAYOUT, _OWN + 9),
     )
     dofs = table_of(user, _LAYOUT, _DOFS)
-    theta = vector_of(user, _LAYOUT, _THETA)
     added = d[_ADDED] > 0
     flowing = d[_FLOW] != 0.0 or d[_FLOW + 1] != 0.0 or d[_FLOW + 2] != 0.0
     _read(d, dofs, qpos, qvel, own)
-    act(
-        structure,
-        theta,
-        own.q,
-        own.v,
-        own.ground,
-        u,
-        added,
-        flowing,
-        work,
-        own.state,
-        own.F,
-        own.force,
-    )
+    act(acting, own.q, own.v, own.ground, u, added, flowing, own.force)
     if added:
         _full_m(model, data, user + types.uintp(8 * d[_LAYOUT + 3 * (_OWN + 6)]))
         _rne(model, data, np.int32(0), user + types.uintp(8 * d[_LAYOUT + 3 * (_OWN + 5)]))
-        _push(d, dofs, work, own)
+        _push(d, dofs, acting, own)
     else:
         _into_world(d, own.R, own.force)
     for i in range(own.force.shape[0]):
