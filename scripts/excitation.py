@@ -23,8 +23,7 @@ import scipy.linalg
 from nsaid_mj.base.errors import NsaidError
 from nsaid_mj.base.stopwatch import Stopwatch
 from nsaid_mj.core.laws.config import NullspaceAID
-from nsaid_mj.lab.evaluation.figures import actuator_ratio_error
-from nsaid_mj.lab.evaluation.truth import Truth
+from nsaid_mj.lab.evaluation.truth import Truth, actuator_ratio_error
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.scenario import Scenario

@@ -22,7 +22,7 @@ from nsaid_mj.core import Identifier, Log, State
 from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.lab.evaluation.confidence import known
 from nsaid_mj.lab.evaluation.curves import gains_of_limbs
-from nsaid_mj.lab.evaluation.figures import actuator_ratio_error
+from nsaid_mj.lab.evaluation.truth import actuator_ratio_error
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.setup import Setup
 from scripts.machine import machine

@@ -30,6 +30,8 @@ def spent(code: str, *arguments: str, **environment: str) -> float:
     Raises:
         SystemExit: the process fails; its messages are printed.
     """
+    # as in an installed package, modules are compiled to bytecode once
+    environment = {"PYTHONDONTWRITEBYTECODE": ""} | environment
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = subprocess.run(
         [sys.executable, "-c", code, *arguments],

@@ -8,8 +8,6 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from nsaid_mj.base import OutputFile
-
 gc.set_threshold(50_000)  # as the command line does
 pytest.register_assert_rewrite("tests.support", "tests.recovery.direction")
 
@@ -97,12 +95,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="module", autouse=True)
 def drawings(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Pages and `nsaid inspect` draw nothing, but in tests that look at it: most of their time."""
+    """Pages draw nothing, but in tests that look at it: most of their time."""
     name = request.path.relative_to(Path(__file__).parent).as_posix()
     with pytest.MonkeyPatch.context() as patch:
         if not name.startswith(DRAWN):
             patch.setattr("nsaid_mj.report.drawings.draw", lambda panel: "<svg></svg>")
-            patch.setattr("nsaid_mj.clinic.identify.inspection_page.png_of", blank)
         yield
 
 
@@ -110,13 +107,6 @@ def drawings(request: pytest.FixtureRequest) -> Iterator[None]:
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draws nothing where pages are drawn otherwise: for tests that read the text."""
     monkeypatch.setattr("nsaid_mj.report.drawings.draw", lambda panel: "<svg></svg>")
-
-
-def blank(lines: object, size: object, path: Path) -> Path:
-    """Writes a picture that shows nothing, as pictures are written."""
-    with OutputFile(path).atomically() as part:
-        part.write_bytes(b"\x89PNG")
-    return path
 
 
 @pytest.fixture

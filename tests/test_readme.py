@@ -145,7 +145,7 @@ def test_the_newcomers_path_leads_to_a_calibrated_robot(
         for line in block.splitlines():
             code, said = shell(*shlex.split(line)[1:])
             assert code == 0, said.err
-    assert (workplace / "map.toml").is_file() and (workplace / "inspection.png").is_file()
+    assert (workplace / "map.toml").is_file() and (workplace / "inspection.html").is_file()
     for name in (
         "report.html",
         "run.rrd",

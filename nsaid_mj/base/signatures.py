@@ -21,7 +21,6 @@ SIGNATURES = ".nsaid-mj.json"
 _KEPT = 2  # contents by name: the new one is signed before it replaces the old one
 _MARKS = {  # first bytes of formats whose head says who made a file, and what ours says
     b"\xff\xff\xff\xff": b"nsaid",  # a record: an Arrow stream with metadata of this name
-    b"\x89PNG": b"Software\0nsaid-mj",
 }
 _HEAD = 1 << 20  # bytes in which the mark is; the metadata of a record have a whole scenario
 

@@ -181,15 +181,15 @@ def _study(word: str, script: str, arguments: Sequence[str]) -> int:
             raise InvalidInput(flag, f"{flag}s, with one or more values", flag, f"Give {flag}s.")
     path = Path(script)
     default = load(script)
-    from ..lab import parse_scenario, repeated_flags
+    from ..lab import ScenarioFlags
     from ..plans import compare_methods, compare_trackers, identify_often, sweep_scenario
     from .grammar import COMMANDS
 
     options: Any = COMMANDS[word]
-    scenario, chosen = parse_scenario(path.stem, default, arguments, word, options)
+    own = ScenarioFlags(path.stem, default)
+    scenario, chosen = own.parsed(arguments, word, options)
     whole = str(path.resolve()) if path.suffix in {".py", ".json"} else script
-    flags = repeated_flags(default, scenario)
-    given = {"script": whole, "scenario": scenario, "arguments": flags}
+    given = {"script": whole, "scenario": scenario, "arguments": own.of(scenario)}
     folder = chosen.out or Path("runs") / f"{path.stem}-{word}"
     functions: dict[str, Callable[..., int]] = {
         "compare": compare_methods,
@@ -257,12 +257,13 @@ def _carry_out(
     name: str, default: Scenario, arguments: Sequence[str], asked: str
 ) -> tuple[str, Run, RunResult, grammar.RunOptions]:
     """Runs and post-processes a scenario; returns its title, run, result and output options."""
-    from ..lab import folder_for, parse_scenario, repeated_flags
+    from ..lab import ResultsFolder, ScenarioFlags
     from .excitation import check_excitation, without_excitation
     from .grammar import RunOptions
 
     given, arguments = without_excitation(arguments)
-    scenario, output = parse_scenario(name, default, arguments, asked, RunOptions)
+    flags = ScenarioFlags(name, default)
+    scenario, output = flags.parsed(arguments, asked, RunOptions)
     check_excitation(given)
     title = title_of(name, default, scenario)
     from ..lab import Observer, Progress, run
@@ -274,16 +275,16 @@ def _carry_out(
 
         watchers.append(LiveRecording(title, output.live_speed))
     with (
-        folder_for(title, scenario, output.out, output.force) as folder,
+        ResultsFolder(output.out, output.force).of_run(title, scenario) as folder,
         Progress(title, quiet=output.quiet or output.json) as progress,
     ):
-        command = shlex.join(["nsaid", "run", name, *repeated_flags(default, scenario)])
+        command = shlex.join(["nsaid", "run", name, *flags.of(scenario)])
         if given:
             from ..plans import designed
 
             command += f" --excitation {given}"
             scenario = replace(scenario, excitation=designed(scenario, given, progress))
-        # `folder_for` has asked for --force if there is a run
+        # `ResultsFolder` has asked for --force if there is a run
         finished = run(scenario, folder, progress, *watchers, force=True)
         return title, finished, _finish(finished, progress.say, command), output
 

@@ -100,9 +100,9 @@ class Identify:
 class Inspect:
     """Show what a log holds, before `nsaid identify`.
 
-    Prints rate, gaps, range, noise and quantisation of every channel, and all findings; plots the
-    channels, and writes a first map.toml to be completed by hand. Exits with 2 if `nsaid identify`
-    would reject the log.
+    Prints rate, gaps, range, noise and quantisation of every channel, and all findings; draws the
+    channels on a page, and writes a first map.toml to be completed by hand. Exits with 2 if `nsaid
+    identify` would reject the log.
 
     Attributes:
         logs: log files or folders of them; CSV, JSON, Parquet, Arrow, npz, mat, a run's folder, ROS
@@ -116,7 +116,7 @@ class Inspect:
         fix: apply the remedies of the findings to the map, and keep them if no contradiction
             follows; writes map-fixed.toml.
         limit: largest size of an unpacked log file [GB].
-        out: folder of the map and the picture.
+        out: folder of the map and the page.
         json: print figures and findings as JSON.
     """
 

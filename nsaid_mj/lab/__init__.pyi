@@ -1,6 +1,5 @@
 """The door of `lab`: what other houses may use."""
 
-# Default limit of the CPU time of the search [s].
 # Tracks a persistent trajectory of all coordinates, with or without adaptation.
 from .control.adaptive.tracker import AdaptiveTracking as AdaptiveTracking
 
@@ -25,23 +24,11 @@ from .control.tracking import DesignedTracking as DesignedTracking
 # Every joint tracks a random finite Fourier series; passive ones swing freely.
 from .control.tracking import FourierTracking as FourierTracking
 
-# Returns given shares (k,) in [0, 1] in place of uniform draws; after the last one, 0.5.
-from .control.tracking import Given as Given
-
-# Median figures of estimates that attain the bound, with its covariance (p, p).
-from .evaluation.bound import bound_figures as bound_figures
-
 # half width of a 95 % interval of the normal distribution [standard deviations]
 from .evaluation.confidence import INTERVAL as INTERVAL
 
 # Computes the figures of estimates of one plant, from any method.
 from .evaluation.figures import Judge as Judge
-
-# max |(k̂_i/k_i)/mean(k̂/k) − 1| over the actuator parameters that are not 0.
-from .evaluation.figures import actuator_ratio_error as actuator_ratio_error
-
-# The first of the times t (N,) from which on the distances (N,) stay within `CONVERGED` [s].
-from .evaluation.figures import converged_at as converged_at
 
 # Prints the verdict on a run, the figures behind it, and the paths of its files.
 from .evaluation.page import print_result as print_result
@@ -67,14 +54,8 @@ from .evaluation.truth import Truth as Truth
 # The result of a check of the paper's statements on a run.
 from .evaluation.verify import Verification as Verification
 
-# Raises `BadRun` unless results can be written to a folder, before they are computed.
-from .folders import check_writable as check_writable
-
-# Context with the folder of a run, locked.
-from .folders import folder_for as folder_for
-
-# Context with the folder of results, locked: `out`, or runs/NAME, numbered as above.
-from .folders import folder_for_results as folder_for_results
+# Where a command writes its results.
+from .folders import ResultsFolder as ResultsFolder
 
 # An identifier and its state along a log, whose first measurement initializes it.
 from .following import Following as Following
@@ -106,32 +87,20 @@ from .observer import Observer as Observer
 # The structure, prior and meshes of a robot, without true values.
 from .observer import RobotDescription as RobotDescription
 
-# Parses what follows a scenario's name on a command line, and checks the robot's name.
-from .options import parse_scenario as parse_scenario
-
-# The flags of `nsaid run` that turn the scenario of a script into a given one.
-from .options import repeated_flags as repeated_flags
+# The flags of a scenario, whose defaults are the values in its script.
+from .options import ScenarioFlags as ScenarioFlags
 
 # A link's size [m]: its radius of gyration about the joint.
 from .plants.arm import extent as extent
-
-# An engineer's guess: sizes to within a factor of two, and the data sheet's values.
-from .plants.arm import nominal_scales as nominal_scales
 
 # The plants made from a vehicle's TOML file, without special cases of others.
 from .plants.families import vehicle_families as vehicle_families
 
 # A robot with a motor or servo on every joint; a floating base is fixed to a stand.
 from .plants.jointed import ArmPlant as ArmPlant
-from .plants.sysid import BUDGET as BUDGET
 
-# `mujoco.sysid` with a parallel finite-difference Jacobian, all parameters free.
-# `mujoco.sysid` with a parallel finite-difference Jacobian, all parameters free.
-from .plants.sysid import sysid as sysid
-
-# The module `mujoco.sysid`; raises `NoEstimate` without its dependencies.
-# The module `mujoco.sysid`; raises `NoEstimate` without its dependencies.
-from .plants.sysid import toolbox as toolbox
+# `mujoco.sysid`, MuJoCo's own toolbox.
+from .plants.sysid import Toolbox as Toolbox
 
 # A vehicle of one body, made from a data sheet.
 from .plants.world.blueprint import VehiclePlant as VehiclePlant
@@ -181,20 +150,11 @@ from .recording.viewer import viewer_command as viewer_command
 # A complete experiment. Equal scenarios give records that are identical to the bit.
 from .scenario import Scenario as Scenario
 
-# Parses varied fields and their values from `field=value,value`.
-from .scenario import varied as varied
-
-# A copy of nested dataclasses and mappings with fields replaced, by dotted name.
-from .scenario import with_fields as with_fields
-
 # Independent random streams of one seed; appending a stream leaves the others unchanged.
 from .setup import Seeds as Seeds
 
 # A scenario's plant and prior, and builders of its driver, sensors and identifiers.
 from .setup import Setup as Setup
-
-# Interval between two samples, over the period, beyond which it is a gap.
-from .source import LONGEST_STEP as LONGEST_STEP
 
 # Provides the measurements of a run, segment by segment.
 from .source import Source as Source

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 import tyro
 
 from ..base import with_homes
-from ..robots import robot_file, vehicle_files
+from ..robots import VehicleFiles, robot_file
 from .plants.world.config import PlantConfig
 from .plants.world.faults.kinds import Fault
 from .plants.world.faults.text import fault_text
@@ -42,17 +42,50 @@ _EXCITATION = """
 _Options = TypeVar("_Options", bound="DataclassInstance")
 
 
-def parse_scenario(
-    name: str, default: Scenario, arguments: Sequence[str], command: str, options: type[_Options]
-) -> tuple[Scenario, _Options]:
-    """Parses what follows a scenario's name on a command line, and checks the robot's name.
+class ScenarioFlags:
+    """The flags of a scenario, whose defaults are the values in its script.
 
-    Raises:
-        NsaidError: a field's value is refused, or there is no such robot or vehicle.
+    Args:
+        name: of the scenario, as on the command line.
+        default: the scenario as its script defines it.
     """
-    scenario, chosen = parse_flags(name, default, arguments, command, options)
-    _check_plant(scenario.plant)
-    return scenario, chosen
+
+    def __init__(self, name: str, default: Scenario) -> None:
+        self._name = name
+        self._default = default
+
+    def parsed(
+        self, arguments: Sequence[str], command: str, options: type[_Options]
+    ) -> tuple[Scenario, _Options]:
+        """Parses what follows the name on a command line, and checks the robot's name.
+
+        See `parse_flags` for the options and what is returned.
+
+        Raises:
+            NsaidError: a field's value is refused, or there is no such robot or vehicle.
+        """
+        found, chosen = parse_flags(self._name, self._default, arguments, command, options)
+        _check_plant(found.plant)
+        return found, chosen
+
+    def of(self, scenario: Scenario) -> tuple[str, ...]:
+        """The flags of `nsaid run` that turn the scenario of the script into a given one."""
+        default = self._default
+        found = []
+        for path in field_paths(default):
+            value = field_at(scenario, path)
+            if value == field_at(default, path):
+                continue
+            if isinstance(value, bool):
+                parent, _, last = path.rpartition(".")
+                found.append(f"--{parent}{'.' if parent else ''}{'' if value else 'no-'}{last}")
+            else:
+                words = value if isinstance(value, tuple) else (value,)
+                found += [
+                    f"--{path}",
+                    *(fault_text(w) if isinstance(w, Fault) else str(w) for w in words),
+                ]
+        return tuple(found)
 
 
 def parse_flags(
@@ -89,25 +122,6 @@ def parse_flags(
     changed = {path: new for path, new in given.items() if new != field_at(default, path)}
     chosen: dict[str, Any] = {"scenario": name} | {key: getattr(filled, key) for key in own}
     return with_fields(default, changed), with_homes(options(**chosen))
-
-
-def repeated_flags(default: Scenario, scenario: Scenario) -> tuple[str, ...]:
-    """The flags of `nsaid run` that turn the scenario of a script into a given one."""
-    found = []
-    for path in field_paths(default):
-        value = field_at(scenario, path)
-        if value == field_at(default, path):
-            continue
-        if isinstance(value, bool):
-            parent, _, last = path.rpartition(".")
-            found.append(f"--{parent}{'.' if parent else ''}{'' if value else 'no-'}{last}")
-        else:
-            words = value if isinstance(value, tuple) else (value,)
-            found += [
-                f"--{path}",
-                *(fault_text(w) if isinstance(w, Fault) else str(w) for w in words),
-            ]
-    return tuple(found)
 
 
 def _fields(options: Any) -> list[Field[Any]]:
@@ -211,4 +225,4 @@ def _check_plant(plant: PlantConfig) -> None:
     from .plants.world.blueprint import VehiclePlant
 
     if isinstance(plant, VehiclePlant):
-        vehicle_files(plant.vehicle)
+        VehicleFiles.of(plant.vehicle)

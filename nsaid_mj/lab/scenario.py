@@ -91,6 +91,31 @@ class Scenario(Config):
     record_every: Annotated[int, Field(strict=True, ge=1, le=10**9)] = 1
     seed: Annotated[int, Field(strict=True, ge=0, le=2**64)] = 0
 
+    def with_fields(self, new: Mapping[str, Any]) -> Self:
+        """A copy with fields replaced, by dotted name."""
+        return with_fields(self, new)
+
+    def varied(self, texts: Sequence[str]) -> dict[str, tuple[Any, ...]]:
+        """Parses varied fields and their values from `field=value,value`.
+
+        Raises:
+            UnknownName: there is no such field, or several.
+            InvalidInput: a text is not of this form, a value is not of its field's type, or a field
+                is given twice.
+        """
+        found: dict[str, tuple[Any, ...]] = {}
+        for text in texts:
+            name, equals, values = text.partition("=")
+            if not equals:
+                remedy = "Such as identifier.gain=0.1,1."
+                raise InvalidInput("--vary", "field=value,value", text, remedy)
+            path = field_path(name, self)
+            if path in found:
+                remedy = "Give all its values together."
+                raise InvalidInput("--vary", "every field once", path, remedy)
+            found[path] = tuple(field_value(path, value, self) for value in values.split(","))
+        return found
+
     @model_validator(mode="after")
     def _check_steps(self) -> Self:
         if self.duration < 2 * self.dt:
@@ -245,27 +270,6 @@ def field_value(path: str, text: str, scenario: Scenario) -> Any:
         kind = hint.__name__ if isinstance(hint, type) else str(hint).replace("typing.", "")
         remedy = "`nsaid run NAME --help` lists the types of all fields."
         raise InvalidInput(path, f"a value of type {kind}", repr(text), remedy) from error
-
-
-def varied(texts: Sequence[str], scenario: Scenario) -> dict[str, tuple[Any, ...]]:
-    """Parses varied fields and their values from `field=value,value`.
-
-    Raises:
-        UnknownName: there is no such field, or several.
-        InvalidInput: a text is not of this form, a value is not of its field's type, or a field is
-            given twice.
-    """
-    found: dict[str, tuple[Any, ...]] = {}
-    for text in texts:
-        name, equals, values = text.partition("=")
-        if not equals:
-            remedy = "Such as identifier.gain=0.1,1."
-            raise InvalidInput("--vary", "field=value,value", text, remedy)
-        path = field_path(name, scenario)
-        if path in found:
-            raise InvalidInput("--vary", "every field once", path, "Give all its values together.")
-        found[path] = tuple(field_value(path, value, scenario) for value in values.split(","))
-    return found
 
 
 def field_at(value: Any, path: str) -> Any:

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -13,9 +13,6 @@ from ..core import Array, Log, Measurement, Status
 from .control.driver import Driver, InformedDriver
 from .plants.world.plant import Plant
 from .plants.world.sensors import Sensors
-
-LONGEST_STEP = 1.5
-"""Interval between two samples, over the period, beyond which it is a gap."""
 
 
 class SourceSegment(NamedTuple):
@@ -40,8 +37,10 @@ class Source(ABC):
 
     Attributes:
         stopped: status of a run that the user stops.
+        LONGEST_STEP: interval between two samples, over the period, beyond which it is a gap.
     """
 
+    LONGEST_STEP: ClassVar = 1.5
     stopped: Status = Status.interrupted
 
     @abstractmethod

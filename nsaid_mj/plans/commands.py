@@ -91,7 +91,7 @@ def compare_methods(given: Mapping[str, Any], chosen: ToCompareMethods, folder: 
     durations = (0.5 * scenario.duration, scenario.duration)
     if chosen.durations:
         durations = numbers_in("--durations", chosen.durations, _TEN)
-    from .studies.compare import BUDGET, COMPARE_FILES, comparison_plan, run_comparison
+    from .studies.compare import COMPARE_FILES, comparison_plan, run_comparison
     from .studies.compare_report import DEFAULT
 
     study = comparison_plan(
@@ -100,11 +100,10 @@ def compare_methods(given: Mapping[str, Any], chosen: ToCompareMethods, folder: 
         seeds=seeds,
         durations=durations,
         noises=(0.0,) * ("ideal" in kinds) + scales * ("noisy" in kinds),
-        budget=BUDGET if chosen.budget is None else chosen.budget,
+        budget=chosen.budget,
         bound=chosen.bound,
     )
-    pictures = ("data_length.png", "noise.png", "wall_time.png")
-    files = (*COMPARE_FILES, "report.html", *pictures)
+    files = (*COMPARE_FILES, "report.html")
     with _finished(folder, chosen, files) as own:
         result, _ = run_comparison(study, own, quiet=chosen.quiet or chosen.json)
         if chosen.json:
@@ -114,9 +113,7 @@ def compare_methods(given: Mapping[str, Any], chosen: ToCompareMethods, folder: 
 
 def sweep_scenario(given: Mapping[str, Any], chosen: ToSweep, folder: Path) -> int:
     """Executes `nsaid sweep`: runs a scenario with varied fields and seeds."""
-    from ..lab import varied
-
-    vary = varied(chosen.vary, given["scenario"])
+    vary = given["scenario"].varied(chosen.vary)
     CHOICES.check("engine", chosen.engine)
     from .studies.engine import Engine
     from .studies.sweep import run_sweep, sweep_document, sweep_plan, sweep_result
@@ -172,7 +169,7 @@ def compare_trackers(given: Mapping[str, Any], chosen: ToTrack, folder: Path) ->
     from .track.tracking import TRACKING_FILES, tracking_plan
 
     study = tracking_plan(**given, laws=laws, seeds=seeds)
-    files = (*TRACKING_FILES, "report.html", "tracking.png", "tracking.rrd")
+    files = (*TRACKING_FILES, "report.html", "tracking.rrd")
     with _finished(folder, chosen, files) as own:
         result, _ = run_tracking(study, own, quiet=chosen.quiet or chosen.json)
         if chosen.json:
@@ -184,9 +181,10 @@ def _finished(
     folder: Path, chosen: ToCompareMethods | ToTrack, files: Sequence[str]
 ) -> AbstractContextManager[Path]:
     """Context with the folder of a study that is not resumed: a finished one needs --force."""
-    from ..lab import folder_for_results
+    from ..lab import ResultsFolder
 
-    return folder_for_results(folder.name, chosen.out, chosen.force, files, "a finished study")
+    own = ResultsFolder(chosen.out, chosen.force)
+    return own.of_results(folder.name, files, "a finished study")
 
 
 def draw_sweep(folder: Path) -> int:
@@ -200,8 +198,7 @@ def draw_sweep(folder: Path) -> int:
     runs = read(folder)
     if runs.damaged:
         print(f"nsaid: {runs.damaged}; the same `nsaid sweep` makes them again", file=sys.stderr)
-    for path in write_sweep_page(runs):
-        print(printable(str(path)))
+    print(printable(str(write_sweep_page(runs))))
     return 0
 
 

@@ -1,22 +1,10 @@
 """The door of `report`: what other houses may use."""
 
-# Indices of at most about `points` values that keep every peak.
-from .drawings import extremes as extremes
-
 # Panels as figures of a page; one alone, without any `others`, is twice as wide.
 from .drawings import figures_of as figures_of
 
 # The exit code of a command.
 from .exit_codes import ExitCode as ExitCode
-
-# Names of the online excitation levels.
-from .labels import EXCITATION_LEVELS as EXCITATION_LEVELS
-
-# The parameters by block and unit.
-from .labels import groups as groups
-
-# Name of the file of a page.
-from .page import REPORT_FILE as REPORT_FILE
 
 # Counts side by side, such as how many parameters are identified.
 from .page import Badges as Badges
@@ -54,9 +42,6 @@ from .page import Text as Text
 # A number with its noun: 1 seed, 2 seeds, 0 seeds.
 from .page import count as count
 
-# The lines of texts, lists, tables and folded panels.
-from .page import item_lines as item_lines
-
 # Colour of what is wrong, such as a failed actuator.
 from .panels import BAD as BAD
 
@@ -71,9 +56,6 @@ from .panels import INK as INK
 
 # Index in `COLOURS`, and in a recording's palette, of a law's or method's colour on any plot.
 from .panels import LAWS as LAWS
-
-# What `plots.draw` draws.
-from .panels import AnyPanel as AnyPanel
 
 # A measured and a predicted quantity over time, and below it their difference.
 from .panels import Comparison as Comparison
@@ -90,77 +72,14 @@ from .panels import Panel as Panel
 # Further values of a forest's lines.
 from .panels import Points as Points
 
-# Middles of at most 150 stretches of rows [s], and rms values of all numbers in each.
-from .panels import local_rms as local_rms
-
 # Indices of at most about `most` of `length` rows, evenly spaced, including first and last.
 from .panels import spread as spread
 
-# Indices of at most `points` of all rows, evenly spaced, including the first and the last.
-from .panels import thin as thin
-
-# Title of the section of correlations.
-from .parameters import CORRELATIONS as CORRELATIONS
-
-# Correlations (k, k) as a heat map, of the first ones; empty for fewer than two.
-from .parameters import correlations as correlations
-
-# A table for each block of θ, with the number of parameters of each status.
-from .parameters import folds as folds
-
-# Estimates with intervals, priors and true values, a figure for each kind and unit.
-from .parameters import forests as forests
-
-# The table of the gains, with `numbers` as in `table`; empty without gains.
-from .parameters import gains_of as gains_of
-
-# Parameters, at least one, with intervals, prior and true values where known.
-from .parameters import table as table
+# The parameters of a result as tables of a page.
+from .parameters import ParameterTables as ParameterTables
 
 # The robot at positions q (m,) as a figure of a page; None without meshes, or finite q.
 from .picture import robot_picture as robot_picture
-
-# Width of a curve in a plot.
-from .plots import CURVE as CURVE
-
-# Labels columns 0, 1, 2 …; the labels are rotated if they are many or long.
-from .plots import categories as categories
-
-# Draws a panel's curves into axes.
-from .plots import curves as curves
-
-# Draws a curve with its name, by which the page finds its values; huge ones are left out.
-from .plots import line as line
-
-# Makes an axis logarithmic, with at most `most` ticks at round numbers over any range.
-from .plots import logarithmic as logarithmic
-
-# A figure of a page, drawn by a function of its axes; its legend has all labelled curves.
-from .plots import page_figure as page_figure
-
-# Writes a grid of panels as PNG, atomically, each drawn by a function of its axes.
-from .plots import png_of as png_of
-
-# Layout of a finished run, of the curves in its recording.
-from .recording.layout import blueprint as blueprint
-
-# Layout of a running run, without anything that needs the truth.
-from .recording.layout import live_blueprint as live_blueprint
-
-# The panel with the result as text.
-from .recording.layout import result_view as result_view
-
-# The robot above the ground grid; the most recent part of a vehicle's path is bright.
-from .recording.layout import robot_view as robot_view
-
-# A page with robot and texts, `shares` of its height each, on the left of its plots.
-from .recording.layout import views_beside as views_beside
-
-# Pages as tabs, the first one open, without the viewer's panels.
-from .recording.layout import whole_blueprint as whole_blueprint
-
-# Curves over the same times, of one Rerun entity.
-from .recording.lines import Lines as Lines
 
 # Makes plots whose legends stand beside the curves, in an empty part of the time axis.
 from .recording.plots import Plots as Plots
@@ -174,11 +93,11 @@ from .recording.scene import Scene as Scene
 # (k, j, 3) points (j, 3) or (k, j, 3) rotated by quaternions (k, 4) in x, y, z, w order.
 from .recording.scene import rotated as rotated
 
+# A recording that a viewer at an address shows while it is made.
+from .recording.stream import live_recording as live_recording
+
 # Writes a recording atomically.
 from .recording.stream import write_recording as write_recording
-
-# Name of the application of a recording: Rerun warns of full stops and other marks in it.
-from .recording.text import application as application
 
 # Replaces symbols and characters that the viewer's font lacks.
 from .recording.text import drawable as drawable
@@ -207,23 +126,11 @@ from .svg import Axes as Axes
 # One of the two directions of axes.
 from .svg import Side as Side
 
-# An SVG element of axes; its ids begin with a hash of it, so that they are unique on a page.
-from .svg import drawing as drawing
-
-# Prints a line for each finding, notes dimmed; of many of one level it counts the rest.
-from .terminal import print_findings as print_findings
-
 # Prints a page; the written files, or other last lines, come after a blank line.
 from .terminal import print_page as print_page
-
-# Prints badges, texts, lists and tables, each indented by two characters.
-from .terminal import print_panels as print_panels
 
 # An estimate and its 95 % interval, rounded to two digits of the interval's half-width.
 from .wording import estimate as estimate
 
-# A share in percent, with two digits.
-from .wording import share_in_words as share_in_words
-
-# Formats a statistic with three digits, as a percentage if its unit is %; None becomes –.
-from .wording import statistic as statistic
+# A share as a percentage; – for None.
+from .wording import percent as percent

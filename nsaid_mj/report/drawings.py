@@ -15,6 +15,7 @@ from .panels import (
     INK,
     INTERVAL,
     MEASURED,
+    POINTS,
     PREDICTED,
     UNSURE,
     AnyPanel,
@@ -23,9 +24,8 @@ from .panels import (
     HeatMap,
     Panel,
     local_rms,
-    thin,
 )
-from .svg import LETTER, WIDE, WIDTH, Axes, Side, drawing, ends_of
+from .svg import LETTER, WIDE, WIDTH, Axes, Side, drawing
 
 _FAINT = 0.05  # correlations below are not drawn
 _WRITTEN = 0.5  # correlations from here on are also written as numbers
@@ -55,7 +55,7 @@ def draw(panel: AnyPanel) -> str:
 
 def over_time(panel: Panel) -> str:
     """Draws a panel's curves; title and legend are left to the page."""
-    rows = [thin(len(curve.t)) for curve in panel.curves]
+    rows = [extremes(curve.values, POINTS) for curve in panel.curves]
     shown = [curve.values[kept] for curve, kept in zip(panel.curves, rows, strict=True)]
     level = [] if panel.level is None else [np.array([panel.level])]
     bands = [
@@ -64,10 +64,10 @@ def over_time(panel: Panel) -> str:
         for end in (curve.low, curve.high)
         if end is not None
     ]
-    y = Side(ends_of([*shown, *bands, *level], panel.logarithmic), panel.label, panel.logarithmic)
-    width = WIDE if panel.wide else WIDTH
-    box = (22.0 + y.room, 8.0, width - 12, 156.0)
-    axes = Axes(box, Side(_times([c.t for c in panel.curves]), "t [s]"), y, cursor=True)
+    x = Side(_times([curve.t for curve in panel.curves]), "t [s]")
+    y = Side.over([*shown, *bands, *level], panel.label, panel.logarithmic)
+    axes = Axes.alone(x, y, panel.wide, cursor=True)
+    axes.shade(panel.unused, GRID)
     if panel.level is not None:
         axes.across(panel.level, INK)
     for t in panel.events:
@@ -77,7 +77,7 @@ def over_time(panel: Panel) -> str:
             ends = (curve.low[kept], curve.high[kept])
             axes.band(curve.t[kept], *ends, curve.colour, panel.band_name, curve.name)
         axes.line(curve.t[kept], curve.values[kept], curve.colour, curve.name, dash=curve.dash)
-    return drawing(panel.title, width, 187.0, [axes])
+    return axes.drawing(panel.title)
 
 
 def _times(some: Sequence[Array]) -> tuple[float, float]:
@@ -109,10 +109,10 @@ def forest(panel: Forest) -> str:
     level = [np.zeros(0 if positive else 1)]
     level += [] if panel.level is None else [np.array([panel.level])]
     others = [other.values for other in panel.others]
-    x = Side(ends_of([values, low, high, *others, *level], positive), panel.label, positive)
+    x = Side.over([values, low, high, *others, *level], panel.label, positive)
     width = WIDE if panel.wide else WIDTH
     bottom = 6.0 + max(52.0, 17.0 * len(short))
-    axes = Axes((12.0 + y.room, 6.0, width - 14, bottom), x, y)
+    axes = Axes((12.0 + y.room, 6.0, width - 12, bottom), x, y)
     axes.grids = (True, False)
     if panel.level is not None:
         axes.across(panel.level, INK, vertical=True)
@@ -131,12 +131,12 @@ def forest(panel: Forest) -> str:
             axes.line(ends, [row, row], colour, width=1.8, dash=style, curve=name)
         for end, ends in (("low", low), ("high", high)):
             axes.tell(ends[drawn], rows[drawn], f"{name}, {end}")
-        axes.marks(values[chosen], rows[chosen], colour, name, "o", filled=firm)
+        axes.marks(values[chosen], rows[chosen], colour, name, "●" if firm else "o")
     for other in panel.others:
         width_ = 1.8 if other.marker == "|" else 0.9
         at = rows[: len(other.values)]
         axes.marks(other.values, at, other.colour, other.name, other.marker, width=width_)
-    return drawing(panel.title, width, bottom + 29.0, [axes])
+    return axes.drawing(panel.title)
 
 
 def heat_map(panel: HeatMap) -> str:
@@ -184,10 +184,9 @@ def comparison(panel: Comparison) -> str:
         [] if panel.half is None else [panel.predicted - panel.half, panel.predicted + panel.half]
     )
     x = Side(_times([t]), "t [s]")
-    above = Side(
-        ends_of([panel.measured, panel.predicted, *half]), panel.label + (unit or " [as logged]")
-    )
-    below = Side(ends_of(rms[1:], True), "error" + unit, log=True, most=3)
+    label = panel.label + (unit or " [as logged]")
+    above = Side.over([panel.measured, panel.predicted, *half], label)
+    below = Side.over(rms[1:], "error" + unit, log=True, most=3)
     width = WIDE if panel.wide else WIDTH
     left = 22.0 + max(above.room, below.room)
     upper = Axes((left, 6.0, width - 12, 123.0), x, above, cursor=True)

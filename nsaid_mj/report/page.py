@@ -14,14 +14,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from ..base import OutputFile
 from ..core import ABSENT
 from .panels import BAD, BAND, COLOURS, DASHES, GRID, INK, PALE
 from .result import LEVELS, Mark, Result, gathered
 
-REPORT_FILE = "report.html"
 _TEMPLATES = Path(__file__).parent / "templates"
 _ROOM = 88  # of a table on a recording's first page [characters], and between two columns
 _GAP = 1
@@ -47,18 +46,29 @@ VARIABLES = {INK: "--ink", GRID: "--grid", BAD: "--bad"} | {
 }
 """CSS variable of each colour, which a page redefines on dark screens."""
 
-MARKERS = {
-    "D": "M12 0L16 4L12 8L8 4Z",
-    "x": "M8 0L16 8M16 0L8 8",
-    "|": "M12 0V8",
-    "o-": "M0 4H24M9 4A3 3 0 1 0 15 4A3 3 0 1 0 9 4",
-    "o": "M9 4A3 3 0 1 0 15 4A3 3 0 1 0 9 4",
-    ".": "M9 4A3 3 0 1 0 15 4A3 3 0 1 0 9 4",
+_DISK = "M-2.6 0A2.6 2.6 0 1 0 2.6 0A2.6 2.6 0 1 0 -2.6 0Z"
+MARKS = {
+    "o": _DISK,
+    "D": "M0 -3.2L3.2 0L0 3.2L-3.2 0Z",
+    "x": "M-2.4 -2.4L2.4 2.4M-2.4 2.4L2.4 -2.4",
+    "|": "M0 -4.5V4.5",
+    "_": "M-4.5 0H4.5",
+    "●": _DISK,
+    "·": "M-1.3 0A1.3 1.3 0 1 0 1.3 0A1.3 1.3 0 1 0 -1.3 0Z",
+    "◆": "M0 -3.2L3.2 0L0 3.2L-3.2 0Z",
+    "■": "M-2.4 -2.4H2.4V2.4H-2.4Z",
+    "▲": "M0 -3L3 2.4H-3Z",
+    "▼": "M0 3L3 -2.4H-3Z",
+    "◀": "M-3 0L2.4 -3V3Z",
+    "▶": "M3 0L-2.4 -3V3Z",
+    "✚": "M-1 -3H1V-1H3V1H1V3H-1V1H-3V-1H-1Z",
+    "★": "M0 -3.8L1 -1.2L3.6 -1.2L1.5 .5L2.3 3.2L0 1.6L-2.3 3.2L-1.5 .5L-3.6 -1.2L-1 -1.2Z",
+    "⬢": "M0 -3.2L2.8 -1.6V1.6L0 3.2L-2.8 1.6V-1.6Z",
 }
-"""Paths of matplotlib's markers in a legend, in place of a dash pattern."""
+"""Paths of marks around a point, by a letter or a sign that looks like them [points]."""
 
-FILLED = {"o-", "."}
-"""Markers that are drawn filled."""
+FILLED = set(list(MARKS)[5:])
+"""Marks that are drawn filled."""
 
 
 class Link(NamedTuple):
@@ -143,8 +153,8 @@ class Figure:
 
     title: str  # above the drawing
     drawing: str  # an SVG element of `svg.drawing`, or an image
-    # (name, colour, dash) of each entry; a dash of `BAND` is a shaded area, or it is a marker, or
-    # the path of one in an SVG box of 24 × 8
+    # (name, colour, sign) of each entry; a sign is a line's dash pattern, one of `MARKS` or both,
+    # as "--●"; `BAND` is a shaded area
     legend: Sequence[tuple[str, str, str]] = ()
     wide: bool = False  # whether it takes the whole width of the page
 
@@ -197,10 +207,13 @@ class Page:
     notes: Sequence[str] = ()  # paragraphs below the commands
     # by name, of this package and of those that affect its results
     versions: dict[str, str] = field(default_factory=dict)
+    # whether the terminal shows all findings with their codes, and notes below the sections
+    detailed: bool = False
+    FILE: ClassVar = "report.html"
 
-    def write_html(self, folder: Path) -> Path:
-        """Writes report.html atomically and returns its path."""
-        path = folder / REPORT_FILE
+    def write_html(self, folder: Path, name: str = FILE) -> Path:
+        """Writes the page atomically into a folder and returns its path."""
+        path = folder / name
         OutputFile(path).write_text(render_html(self))
         return path
 
@@ -276,15 +289,16 @@ def _environment() -> Any:
     )
     script = (_TEMPLATES / "plots.js").read_text(encoding="utf-8")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    environment.filters.update(spoken=spoken, kind=kind, plain=Markup, gathered=gathered)
+    environment.filters.update(
+        spoken=spoken, kind=kind, plain=Markup, gathered=gathered, parts_of=parts_of
+    )
     environment.globals.update(
         light=COLOURS,
         dark=DARK,
         variables=VARIABLES,
-        dashes=DASHES,
         band=BAND,
         pale=PALE,
-        markers=MARKERS,
+        marks=MARKS,
         filled=FILLED,
         script=Markup(script),
         digest=digest,
@@ -292,6 +306,12 @@ def _environment() -> Any:
         shared_legend=shared_legend,
     )
     return environment
+
+
+def parts_of(sign: str) -> tuple[str, str]:
+    """The SVG dash pattern of a legend's sign, and its mark; either may be empty."""
+    line = max((dash for dash in DASHES if sign.startswith(dash)), key=len, default="")
+    return DASHES.get(line, ""), sign.removeprefix(line)
 
 
 def in_brief(panels: Sequence[PageItem]) -> list[PageItem]:

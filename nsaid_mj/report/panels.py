@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +49,7 @@ POINTS = 1500
 """Largest number of drawn points of a curve."""
 
 DASHES = {"-": "none", "--": "6 3", ":": "2 2", "-.": "8 2 2 2"}
-"""SVG dash patterns of matplotlib's line styles."""
+"""SVG dash patterns by signs that look like them."""
 
 MEASURED = "measured"
 PREDICTED = "predicted"
@@ -56,7 +57,10 @@ INTERVAL = "95 % interval"
 TARGET = "target"
 DIFFERENCE = "error, rms over short intervals"
 UNSURE = "not identified by itself"
+UNUSED = "not used"
 _INTERVALS = 150  # number of intervals over which errors are averaged
+_CORRELATED = 20  # parameters whose correlations are drawn, at most: more labels are unreadable
+_STRONG = 0.5  # correlation from which a pair is drawn
 BAND = "band"
 PALE = "pale"
 """Instead of a dash pattern: the legend's entry is a shaded area, or a wide pale line."""
@@ -85,7 +89,7 @@ class Curve:
 
     @property
     def dash(self) -> str:
-        """The line's style, one of matplotlib's."""
+        """The line's style, of `DASHES`."""
         return list(DASHES)[self.place // len(COLOURS) % len(DASHES)]
 
 
@@ -103,6 +107,7 @@ class Panel:
     events: Sequence[float] = ()  # times of vertical lines [s]
     event_name: str = "fault"  # entry of those lines in the legend
     curves: list[Curve] = field(default_factory=list)  # added by `add`
+    unused: Sequence[tuple[float, float]] = ()  # beginnings and ends of shaded intervals [s]
     wide: bool = False
     key: tuple[str, ...] = ()  # entity in recordings; empty if they leave it out
     page: bool = True  # whether pages draw it; recordings draw every panel with a key
@@ -124,6 +129,12 @@ class Panel:
         place = len(self.curves) if place is None else place
         self.curves.append(Curve(t, values, name, place, *(band or (None, None)), part=part))
 
+    def add_rms(
+        self, t: Array, values: Array, name: str, place: int, part: tuple[str, ...] = ()
+    ) -> None:
+        """Adds the rms, over short intervals of t (N,) [s], of all numbers in rows (N, …)."""
+        self.add(*local_rms(t, values), name, place=place, part=part)
+
     def add_columns(
         self,
         t: Array,
@@ -139,13 +150,14 @@ class Panel:
     @property
     def legend(self) -> list[tuple[str, str, str]]:
         """(name, colour, dash) of curves, bands and level; empty if there is only one curve."""
-        named = [(c.name, c.colour, c.dash) for c in self.curves if c.name]
+        named = list(dict.fromkeys((c.name, c.colour, c.dash) for c in self.curves if c.name))
         named = named if len(self.curves) > 1 else []
         if any(curve.low is not None for curve in self.curves):
             named.append((self.band_name, self.curves[0].colour, BAND))
         if self.level is not None and self.level_name:
             named.append((self.level_name, INK, "--"))
-        return named + [(self.event_name, COLOURS[8], ":")] * bool(len(self.events))
+        named += [(self.event_name, COLOURS[8], ":")] * bool(len(self.events))
+        return named + [(UNUSED, COLOURS[8], BAND)] * bool(len(self.unused))
 
 
 @dataclass(frozen=True)
@@ -154,7 +166,7 @@ class Points:
 
     name: str  # entry in the legend
     values: Array  # (k,) NaN for none
-    marker: str = "D"  # one of matplotlib's
+    marker: str = "D"  # of `page.MARKS`
     colour: str = INK  # colour of the markers
 
 
@@ -177,7 +189,7 @@ class Forest:
     @property
     def legend(self) -> list[tuple[str, str, str]]:
         """(name, colour, dash) of the values shown."""
-        line = "o-" if np.isfinite(self.high[self.firm]).any() else "."
+        line = "-●" if np.isfinite(self.high[self.firm]).any() else "●"
         entries = [(self.certain, COLOURS[0], line)] if self.firm.any() else []
         if not self.firm.all():
             entries.append((UNSURE, COLOURS[8], "o"))
@@ -192,6 +204,19 @@ class HeatMap:
     names: list[str]  # (k) names of rows and columns
     correlation: Array  # (k, k), symmetric
     wide: bool = True
+    MEANING: ClassVar = (
+        "Two parameters of strong colour are determined together by this motion: one known value "
+        "narrows the other. Shown are the parameters with the strongest correlations, from 0.5 on."
+    )
+
+    @staticmethod
+    def of_strongest(labels: Sequence[str], r: Array) -> list[HeatMap]:
+        """Correlations (k, k) of those in the strongest pairs; no heat map if all are weak."""
+        strongest = np.abs(r - np.diag(np.diag(r))).max(axis=1, initial=0.0)
+        order = np.argsort(-strongest, kind="stable")[:_CORRELATED]
+        rows = sorted(k for k in order.tolist() if strongest[k] >= _STRONG)
+        strong = [labels[int(k)] for k in rows]
+        return [HeatMap("", strong, r[np.ix_(rows, rows)])] if len(rows) > 1 else []
 
     @property
     def legend(self) -> list[tuple[str, str, str]]:
@@ -237,22 +262,17 @@ class Comparison:
         ]
         entries += [(INTERVAL, COLOURS[0], BAND)] if self.half is not None else []
         unused = self.used is not None and not self.used.all()
-        return entries + ([("not used", COLOURS[8], BAND)] if unused else [])
+        return entries + ([(UNUSED, COLOURS[8], BAND)] if unused else [])
 
 
 AnyPanel = Panel | Forest | HeatMap | Comparison
-"""What `plots.draw` draws."""
+"""What `drawings.draw` draws."""
 
 
 def spread(length: int, most: int) -> Indices:
     """Indices of at most about `most` of `length` rows, evenly spaced, including first and last."""
     stride = max(1, -(-length // most))
     return np.unique(np.append(np.arange(0, length, stride), length - 1))
-
-
-def thin(rows: int, points: int = POINTS) -> Indices:
-    """Indices of at most `points` of all rows, evenly spaced, including the first and the last."""
-    return np.unique(np.linspace(0, rows - 1, min(rows, points)).round().astype(np.intp))
 
 
 def local_rms(t: Array, values: Array) -> tuple[Array, Array]:

@@ -8,8 +8,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
+
 from ..base import Finding
-from .panels import AnyPanel
+from ..core import ABSENT, rounded
+from .panels import AnyPanel, Forest, Points
+from .wording import percent
 
 Explains = Literal["yes", "partly", "no"]
 Status = Literal["identified", "known", "only in combination", "below the noise", "not excited", ""]
@@ -178,6 +182,26 @@ class Parameter:
             if status and found[status]
         ]
 
+    @staticmethod
+    def forests(parameters: Sequence[Parameter]) -> list[Forest]:
+        """Estimates with intervals, priors and true values, a panel for each kind and unit."""
+        groups: dict[tuple[str, str], list[Parameter]] = {}
+        for p in parameters:
+            kind = p.label.partition(" of ")[0] if p.block.startswith("coupling") else p.kind
+            groups.setdefault((kind, p.unit), []).append(p)
+        found = []
+        for (kind, unit), members in groups.items():
+            rows = [(p.value, p.low, p.high, p.prior) for p in members]
+            value, low, high, prior = np.array(rows).T
+            others = [Points("prior", prior)]
+            true = np.array([p.true for p in members], dtype=float)
+            others += [Points("true", true, "x")] if np.isfinite(true).any() else []
+            firm = np.array([p.firm for p in members])
+            names = [p.part for p in members]
+            title = kind[:1].upper() + kind[1:]
+            found.append(Forest(title, f"{kind} [{unit}]", names, value, low, high, firm, others))
+        return found
+
 
 class Statistic(NamedTuple):
     """A number for each of what is compared: identifiers, methods, laws, joints, experiments.
@@ -194,6 +218,12 @@ class Statistic(NamedTuple):
     unit: str
     values: Mapping[str, float | None]
     worst: Mapping[str, float | None] = {}
+
+    def words(self, value: float | None) -> str:
+        """One of the values with three digits, as a percentage if the unit is %; – for None."""
+        if self.unit == "%":
+            return percent(value)
+        return ABSENT if value is None else rounded(value)
 
 
 @dataclass(frozen=True, kw_only=True)

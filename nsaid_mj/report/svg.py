@@ -5,6 +5,8 @@ the curves' values from the drawing's metadata, finds the elements of a curve by
 zooms by moving the points of paths and marks. Equal data give equal bytes.
 """
 
+from __future__ import annotations
+
 import hashlib
 import json
 from collections.abc import Sequence
@@ -14,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..core import Array
-from .page import VARIABLES
+from .page import FILLED, MARKS, VARIABLES, Figure
 from .panels import DASHES, GRID, INK
 
 HUGE = 1e200
@@ -24,38 +26,15 @@ WIDTH = 310.0  # of a panel on a page, and of one as wide as the page [points]
 WIDE = 446.0
 LETTER = 4.6  # mean width of a letter of height 8 [points]
 _LINE = 11.0  # height of a line of text [points]
+_RIGHT = 12.0  # room on the right of a pair of axes [points]
 _MARGIN = 0.04  # of the values' range that is added at each end
 _MOST = 6  # ticks of an axis, at most
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_MARKS = {
-    "o": "M-2.6 0A2.6 2.6 0 1 0 2.6 0A2.6 2.6 0 1 0 -2.6 0Z",
-    "D": "M0 -3.2L3.2 0L0 3.2L-3.2 0Z",
-    "x": "M-2.4 -2.4L2.4 2.4M-2.4 2.4L2.4 -2.4",
-    "|": "M0 -4.5V4.5",
-    "s": "M-2.4 -2.4H2.4V2.4H-2.4Z",
-}
 
 
 def paint(colour: str) -> str:
     """A colour as a style's value: the page's variable of it, where there is one."""
     return f"var({VARIABLES[colour]}, {colour})" if colour in VARIABLES else colour
-
-
-def ends_of(values: Sequence[Array], logarithmic: bool = False) -> tuple[float, float]:
-    """Ends of an axis that shows all values, with a margin; round ends if there are none."""
-    every = np.concatenate([np.ravel(some) for some in values] or [np.zeros(0)]).astype(float)
-    every = every[np.abs(every) < HUGE]
-    every = np.log10(every[every > 0]) if logarithmic else every
-    if not len(every):
-        return (0.1, 10.0) if logarithmic else (0.0, 1.0)
-    low = float(every.min())
-    high = float(every.max())
-    span = high - low
-    if span <= 1e-9 * max(abs(low), abs(high)) or span < 1e-250:  # all equal
-        span = 1.0 if logarithmic or not high else 2 * abs(high)
-    low -= _MARGIN * span
-    high += _MARGIN * span
-    return (10**low, 10**high) if logarithmic else (low, high)
 
 
 def number(value: float, plain: bool = True) -> str:
@@ -102,6 +81,25 @@ class Side:
         self.log = log
         self.names = list(names)
         self.ticks = list(enumerate(self.names)) if names else self._numbers(most)
+
+    @classmethod
+    def over(
+        cls, values: Sequence[Array], label: str = "", log: bool = False, most: int = _MOST
+    ) -> Side:
+        """One that shows all values, with a margin; with round ends if there are none."""
+        every = np.concatenate([np.ravel(some) for some in values] or [np.zeros(0)]).astype(float)
+        every = every[np.abs(every) < HUGE]
+        every = np.log10(every[every > 0]) if log else every
+        if not len(every):
+            return cls((0.1, 10.0) if log else (0.0, 1.0), label, log, most=most)
+        low = float(every.min())
+        high = float(every.max())
+        span = high - low
+        if span <= 1e-9 * max(abs(low), abs(high)) or span < 1e-250:  # all equal
+            span = 1.0 if log or not high else 2 * abs(high)
+        low -= _MARGIN * span
+        high += _MARGIN * span
+        return cls((10**low, 10**high) if log else (low, high), label, log, most=most)
 
     @property
     def room(self) -> float:
@@ -182,6 +180,14 @@ class Axes:
         self._curves: list[dict[str, Any]] = []
         self._marks: set[str] = set()
 
+    @classmethod
+    def alone(cls, x: Side, y: Side, wide: bool = False, cursor: bool = False) -> Axes:
+        """The only axes of a figure, which is `wide` or of ordinary width."""
+        axes = cls((22.0 + y.room, 8.0, (WIDE if wide else WIDTH) - _RIGHT, 156.0), x, y, cursor)
+        between = (axes.box[2] - axes.box[0]) / max(len(x.names), 1)
+        axes.upright = not x.names or x.room <= between
+        return axes
+
     def at(self, x: Any, y: Any) -> tuple[Array, Array]:
         """Where values are drawn [points]."""
         left, top, right, bottom = self.box
@@ -258,10 +264,14 @@ class Axes:
         self.line(x, y, colour, width=0.8, dash=dash)
 
     def marks(self, x: Any, y: Any, colour: str, name: str, mark: str, **how: Any) -> None:
-        """Marks at x (k,), y (k,): `filled` or not, their lines of a `width` [points]."""
+        """Marks of `page.MARKS` at x (k,), y (k,).
+
+        Lines have a `width` [points], and marks an `opacity`.
+        """
         self._marks.add(mark)
-        fill = paint(colour) if how.get("filled") else "none"
+        fill = paint(colour) if mark in FILLED else "none"
         style = f"fill: {fill}; stroke: {paint(colour)}; stroke-width: {how.get('width', 0.9)}"
+        style += f"; opacity: {how['opacity']:.2g}" if "opacity" in how else ""
         across, up = self.at(x, y)
         drawn = np.isfinite(across) & np.isfinite(up)
         for a, b in zip(across[drawn].tolist(), up[drawn].tolist(), strict=True):
@@ -279,9 +289,8 @@ class Axes:
         """Place, axes and named curves, as the page's script reads them."""
         return {
             "box": [round(end, 2) for end in self.box],
-            "x": _told(self.x) | {"names": bool(self.x.names)},
+            "x": _told(self.x),
             "y": _told(self.y),
-            "names": self.y.names or None,
             "cursor": self.cursor,
             "xs": self._tables,
             "curves": self._curves,
@@ -302,6 +311,23 @@ class Axes:
     def shapes(self) -> set[str]:
         """The kinds of marks that it has."""
         return self._marks
+
+    def figure(self, title: str, legend: Sequence[tuple[str, str, str]] = ()) -> Figure:
+        """These axes alone as a figure of a page."""
+        return Figure(title, self.drawing(title), legend, wide=self.box[2] > WIDTH)
+
+    def drawing(self, title: str) -> str:
+        """These axes alone as an SVG element; see `drawing`."""
+        _, _, right, bottom = self.box
+        if not self.frame:
+            return drawing(title, right, bottom, [self])
+        return drawing(title, right + _RIGHT, bottom + self._below + 7.0, [self])
+
+    @property
+    def _below(self) -> float:
+        """Distance of the label of x from the box, with the texts of the ticks between [points]."""
+        ticks = _LINE if self.upright else self.x.room + 4.0
+        return ticks + _LINE + 2.0 if self.x.label else ticks
 
     def _frame(self) -> str:
         left, top, right, bottom = self.box
@@ -324,8 +350,7 @@ class Axes:
             )
         parts.append(_rule(f"M {left} {top} L {left} {bottom} L {right} {bottom}", INK))
         if self.x.label and self.labelled:
-            below = bottom + 2 * _LINE + 2
-            parts.append(_text(self.x.label, (left + right) / 2, below))
+            parts.append(_text(self.x.label, (left + right) / 2, bottom + self._below))
         if self.y.label:
             x, y = 9.0, (top + bottom) / 2
             turn = f"rotate(-90 {x} {y:.2f})"
@@ -343,7 +368,7 @@ def drawing(title: str, width: float, height: float, axes: Sequence[Axes]) -> st
         axes: what is drawn.
     """
     shapes = sorted(set[str]().union(*(one.shapes for one in axes)))
-    body = "".join(f'<path id="@{_name(mark)}" d="{_MARKS[mark]}"/>' for mark in shapes)
+    body = "".join(f'<path id="@{_name(mark)}" d="{MARKS[mark]}"/>' for mark in shapes)
     body = f"<defs>{body}</defs>" if body else ""
     body += "".join(one.drawn(place) for place, one in enumerate(axes))
     told = [one.data for one in axes]
@@ -374,11 +399,16 @@ def numbers(values: Any) -> list[float | None]:
 
 
 def _told(side: Side) -> dict[str, Any]:
-    return {"ends": [float(end) for end in side.ends], "log": side.log, "label": side.label}
+    return {
+        "ends": [float(end) for end in side.ends],
+        "log": side.log,
+        "label": side.label,
+        "names": side.names or None,
+    }
 
 
 def _name(mark: str) -> str:
-    return "bar" if mark == "|" else mark
+    return f"m{list(MARKS).index(mark)}"
 
 
 def _scaled(dash: str, factor: float) -> str:

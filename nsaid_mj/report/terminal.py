@@ -41,12 +41,17 @@ def print_page(page: Page, console: Console, files: Sequence[object] = ()) -> No
         _say(console, f"{glyph} {name}[bold {colour}]{escape(mark.text)}[/]", 0)
     elif page.heading:
         _say(console, f"[bold]{escape(page.heading)}[/]: {escape(page.lead)}", 0)
-    print_findings(page.result.findings, console)
+    notes = [finding for finding in page.result.findings if finding.level == "note"]
+    grave = [finding for finding in page.result.findings if finding.level != "note"]
+    _print_findings(grave if page.detailed else page.result.findings, console, page.detailed)
     if mark is not None and page.lead:
         _say(console, escape(page.lead))
     for section in page.sections:
         if section.brief:
-            print_panels(section.panels, console)
+            _print_panels(section.panels, console)
+    if page.detailed:
+        console.print()
+        _print_findings(notes, console, codes=True)
     for k, line in enumerate(files):
         console.print(
             f"{'' if k else chr(10)}  {printable(str(line))}", soft_wrap=True, markup=False
@@ -72,7 +77,7 @@ def _breaks(words: str, room: int) -> list[int]:
     return ends
 
 
-def print_findings(findings: Sequence[Finding], console: Console, codes: bool = False) -> None:
+def _print_findings(findings: Sequence[Finding], console: Console, codes: bool) -> None:
     """Prints a line for each finding, notes dimmed; of many of one level it counts the rest.
 
     The gravest come first, and what is said of several joints or channels is said once. A remedy
@@ -94,7 +99,7 @@ def print_findings(findings: Sequence[Finding], console: Console, codes: bool = 
             _say(console, f"[{_COLOURS[mark.kind]}]{mark.glyph}[/] {words}")
 
 
-def print_panels(panels: Sequence[PageItem], console: Console) -> None:
+def _print_panels(panels: Sequence[PageItem], console: Console) -> None:
     """Prints badges, texts, lists and tables, each indented by two characters.
 
     Of a list's pairs long parts are cut, as the page has them all; see `in_brief` for what is left

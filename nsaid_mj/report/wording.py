@@ -19,13 +19,6 @@ def estimate(value: float, low: float, high: float) -> tuple[str, str]:
     return number(value, quantum), f"{number(low, quantum)} … {number(high, quantum)}"
 
 
-def statistic(value: float | None, unit: str) -> str:
-    """Formats a statistic with three digits, as a percentage if its unit is %; None becomes –."""
-    if value is None:
-        return "–"
-    return f"{rounded(100 * value)} %" if unit == "%" else rounded(value)
-
-
-def share_in_words(value: float) -> str:
-    """A share in percent, with two digits."""
-    return f"{rounded(100 * value, 2)} %"
+def percent(value: float | None, digits: int = 3) -> str:
+    """A share as a percentage; – for None."""
+    return ABSENT if value is None else f"{rounded(100 * value, digits)} %"

@@ -6,9 +6,6 @@ from .assets import VehicleFiles as VehicleFiles
 # The path of a file in a vehicle's asset folder, whether or not it exists.
 from .assets import asset as asset
 
-# The path of the folder `assets` or `scenarios`.
-from .assets import folder as folder
-
 # Lines with the names of all robots, and how to get more.
 from .assets import listed_robots as listed_robots
 
@@ -17,9 +14,6 @@ from .assets import published_numbers as published_numbers
 
 # All scenario scripts by name.
 from .assets import scenarios as scenarios
-
-# A vehicle's files, by its folder's name in assets or the path of a TOML file or its folder.
-from .assets import vehicle_files as vehicle_files
 
 # A robot description that cannot be simulated.
 from .errors import BadRobot as BadRobot
@@ -75,17 +69,11 @@ from .model import RobotModel as RobotModel
 # Position servos on k joints: force = kp (u − q) − kv q̇.
 from .model import Servos as Servos
 
-# The geom types that `of_geom` supports.
-from .shapes import DRAWN as DRAWN
-
 # Meshes of a robot and their poses.
 from .shapes import Looks as Looks
 
 # A triangle mesh fixed to a body.
 from .shapes import VisualMesh as VisualMesh
-
-# The mesh of MuJoCo's geom i, a box or a solid of revolution, in the geom's own frame.
-from .shapes import of_geom as of_geom
 
 # Context in which MuJoCo's warnings are collected, not printed or written to MUJOCO_LOG.TXT.
 from .silence import quiet as quiet

@@ -33,31 +33,31 @@ class VehicleFiles(NamedTuple):
     sheet: Path  # vehicle.toml, its physical parameters; the file exists
     model: Path  # model.xml, its appearance in MuJoCo; the file may be missing
 
+    @classmethod
+    def of(cls, vehicle: str) -> VehicleFiles:
+        """A vehicle's files, by its folder's name in assets, or the path of a TOML file or folder.
 
-def vehicle_files(vehicle: str) -> VehicleFiles:
-    """A vehicle's files, by its folder's name in assets or the path of a TOML file or its folder.
+        model.xml is sought beside the TOML file.
 
-    model.xml is sought beside the TOML file.
-
-    Raises:
-        UnknownName: there is no such vehicle; the message lists similar names.
-        InvalidInput: the folder has no vehicle.toml.
-    """
-    names = {path.parent.name for path in folder("assets").glob("*/vehicle.toml")}
-    path = asset(vehicle, "") if vehicle in names else path_of(vehicle)
-    if path.is_dir():
-        path = path / "vehicle.toml"
-        if not path.is_file():
-            raise InvalidInput(
-                str(path),
-                "a file with the vehicle's numbers",
-                "no such file",
-                "docs/your_vehicle.md shows how to write one.",
-            )
-    if path.suffix != ".toml" or not path.is_file():
-        remedy = "Give a vehicle of your own by the path of its TOML file or of its folder."
-        raise UnknownName("vehicle", vehicle, names, remedy)
-    return VehicleFiles(path, path.with_name("model.xml"))
+        Raises:
+            UnknownName: there is no such vehicle; the message lists similar names.
+            InvalidInput: the folder has no vehicle.toml.
+        """
+        names = {path.parent.name for path in folder("assets").glob("*/vehicle.toml")}
+        path = asset(vehicle, "") if vehicle in names else path_of(vehicle)
+        if path.is_dir():
+            path = path / "vehicle.toml"
+            if not path.is_file():
+                raise InvalidInput(
+                    str(path),
+                    "a file with the vehicle's numbers",
+                    "no such file",
+                    "docs/your_vehicle.md shows how to write one.",
+                )
+        if path.suffix != ".toml" or not path.is_file():
+            remedy = "Give a vehicle of your own by the path of its TOML file or of its folder."
+            raise UnknownName("vehicle", vehicle, names, remedy)
+        return cls(path, path.with_name("model.xml"))
 
 
 def published_numbers(vehicle: str) -> dict[str, Any]:

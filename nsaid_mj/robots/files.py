@@ -7,6 +7,7 @@ from typing import NamedTuple
 from ..base import UnknownName, path_of
 from .assets import (
     MORE_ROBOTS,
+    VehicleFiles,
     asset,
     example_robots,
     folder,
@@ -14,7 +15,6 @@ from .assets import (
     known_robots,
     packed_robots,
     scenarios,
-    vehicle_files,
 )
 from .errors import BadRobot
 
@@ -93,4 +93,4 @@ def check_model(model: str) -> None:
     if not is_vehicle(model):
         robot_file(model, packed_vehicles())
     elif model not in scenarios():
-        vehicle_files(model)
+        VehicleFiles.of(model)

@@ -35,13 +35,11 @@ _FACES = np.array(
     ]
 )
 _SIDES = 24
-_HIDDEN = 3  # groups of geoms from this one on are hidden, as in MuJoCo's own viewer
-
-DRAWN = tuple(
+_DRAWN = tuple(
     int(getattr(mujoco.mjtGeom, f"mjGEOM_{kind}"))
     for kind in ("BOX", "CYLINDER", "CAPSULE", "ELLIPSOID", "SPHERE")
 )
-"""The geom types that `of_geom` supports."""
+_HIDDEN = 3  # groups of geoms from this one on are hidden, as in MuJoCo's own viewer
 
 
 class VisualMesh(NamedTuple):
@@ -51,6 +49,28 @@ class VisualMesh(NamedTuple):
     vertices: Array  # (k, 3) in the mesh's own frame [m]
     triangles: np.ndarray  # (f, 3) indices into `vertices`
     color: tuple[float, ...]  # (4,) RGBA in 0 … 1
+
+    @classmethod
+    def of_geom(cls, model: Any, i: int) -> VisualMesh:
+        """The mesh of MuJoCo's geom i, a box or a solid of revolution, in the geom's own frame."""
+        size = model.geom_size[i].copy()
+        kind = model.geom_type[i]
+        if kind == mujoco.mjtGeom.mjGEOM_BOX:
+            vertices = _CORNERS * size
+            triangles = _FACES
+        else:
+            radius, height = _profile(kind, size)
+            vertices, triangles = _turned(radius, height)
+            if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+                vertices = vertices * size
+        name = model.geom(i).name or f"geom {i}"
+        color = tuple(model.geom_rgba[i].tolist())
+        return cls(name, vertices, triangles, color)
+
+    @staticmethod
+    def is_drawn(kind: int) -> bool:
+        """Whether `of_geom` supports geoms of a type, one of MuJoCo's `mjtGeom`."""
+        return kind in _DRAWN
 
 
 class Shape(NamedTuple):
@@ -114,7 +134,11 @@ def shapes_of_geoms(mj: Any, tree: pin.Model) -> Iterable[Shape]:
     for g in range(mj.ngeom):
         body = mj.geom_bodyid[g]
         mesh = mj.geom_type[g] == mujoco.mjtGeom.mjGEOM_MESH
-        if not body or mj.geom_group[g] >= _HIDDEN or not (mesh or mj.geom_type[g] in DRAWN):
+        if (
+            not body
+            or mj.geom_group[g] >= _HIDDEN
+            or not (mesh or VisualMesh.is_drawn(mj.geom_type[g]))
+        ):
             continue
         name = mj.body(body).name or f"body {body}"
         joint = 0
@@ -126,7 +150,7 @@ def shapes_of_geoms(mj: Any, tree: pin.Model) -> Iterable[Shape]:
         else:
             joint = int(tree.getJointId(name))
         own = place * pose(mj.geom_pos[g], mj.geom_quat[g])
-        drawn = _mesh(mj, g) if mesh else of_geom(mj, g)
+        drawn = _mesh(mj, g) if mesh else VisualMesh.of_geom(mj, g)
         name = mj.geom(g).name or f"{name} {g}"
         yield Shape(drawn._replace(name=name), joint, own)
 
@@ -144,23 +168,6 @@ def _mesh(mj: Any, geom: int) -> VisualMesh:
         mj.mesh_face[face : face + mj.mesh_facenum[m]].copy(),
         tuple(color.tolist()),
     )
-
-
-def of_geom(model: Any, i: int) -> VisualMesh:
-    """The mesh of MuJoCo's geom i, a box or a solid of revolution, in the geom's own frame."""
-    size = model.geom_size[i].copy()
-    kind = model.geom_type[i]
-    if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        vertices = _CORNERS * size
-        triangles = _FACES
-    else:
-        radius, height = _profile(kind, size)
-        vertices, triangles = _turned(radius, height)
-        if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-            vertices = vertices * size
-    name = model.geom(i).name or f"geom {i}"
-    color = tuple(model.geom_rgba[i].tolist())
-    return VisualMesh(name, vertices, triangles, color)
 
 
 def _profile(kind: int, size: Array) -> tuple[Array, Array]:

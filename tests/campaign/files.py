@@ -243,7 +243,7 @@ _OWN = (
     "report.html",
     "map.toml",
     "map-new.toml",
-    "inspection.png",
+    "inspection.html",
     "run.rrd",
     "two.xml",
     "two-calibrated.urdf",

@@ -20,9 +20,9 @@ from nsaid_mj.cli.commands import title_of
 from nsaid_mj.cli.grammar import RunOptions
 from nsaid_mj.clinic.commands import identify as identifying
 from nsaid_mj.lab.evaluation.summary import result_from
-from nsaid_mj.lab.folders import folder_for
+from nsaid_mj.lab.folders import ResultsFolder
 from nsaid_mj.lab.library import load
-from nsaid_mj.lab.options import MAIN, parse_flags, repeated_flags
+from nsaid_mj.lab.options import MAIN, ScenarioFlags, parse_flags
 from nsaid_mj.lab.scenario import field_paths
 from nsaid_mj.report import ExitCode
 from nsaid_mj.robots.assets import known_robots, scenarios
@@ -291,9 +291,9 @@ def test_a_rivals_fields_are_flags() -> None:
 def test_the_reported_flags_reproduce_the_scenario(words: str) -> None:
     name, *flags = words.split()
     scenario, _ = options(name, *flags)
-    again = repeated_flags(load(name), scenario)
+    again = ScenarioFlags(name, load(name)).of(scenario)
     assert options(name, *again)[0] == scenario != load(name)
-    assert repeated_flags(load(name), load(name)) == ()
+    assert ScenarioFlags(name, load(name)).of(load(name)) == ()
 
 
 @pytest.mark.parametrize("flag", ["--plant.mismatch.lag", "--mismatch.lag", "--lag"])
@@ -358,7 +358,7 @@ def test_a_run_is_named_after_its_robot_or_scenario(
 
 
 def folder_of(title: str, scenario: Scenario, out: Path | None, force: bool) -> Path:
-    with folder_for(title, scenario, out, force) as folder:
+    with ResultsFolder(out, force).of_run(title, scenario) as folder:
         return folder
 
 

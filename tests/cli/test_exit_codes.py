@@ -12,6 +12,7 @@ import nsaid_mj.cli
 from nsaid_mj.base.errors import NsaidError
 from nsaid_mj.base.findings import Finding
 from nsaid_mj.cli import commands
+from nsaid_mj.clinic.identify.inspection import Inspection
 from nsaid_mj.clinic.logs.unusable import UnusableLog
 from nsaid_mj.core.laws.base import Status
 from nsaid_mj.lab.evaluation.run_result import RunResult
@@ -156,7 +157,6 @@ def rows(*converged: float | None, failure: str | None = None) -> list[dict[str,
 def test_sweep(found: list[dict[str, Any]], code: int, monkeypatch: Patch) -> None:
     manifest = {"vary": {}, "runs": len(found), "script": "scalar_rov", "arguments": []}
     put(monkeypatch, "plans.studies.sweep.run_sweep", Runs(Path("out"), manifest, found))
-    put(monkeypatch, "lab.varied", {})
     code_, said = shell("sweep", "scalar_rov", "--vary", "law=paper", "--quiet")
     assert (code_, said.err) == (code, "")
 
@@ -229,11 +229,10 @@ def refused(level: Any, code: str) -> tuple[Finding, ...]:
 def test_inspect_ends_as_identify_does(
     findings: tuple[Finding, ...], code: int, monkeypatch: Patch
 ) -> None:
-    found = SimpleNamespace(findings=findings, channels=(), robot=None)
+    found = Inspection((), (), findings, None, None)
     put(monkeypatch, "clinic.commands.identify.check_inspect", None)
     put(monkeypatch, "clinic.logs.tables.read_tables", ())
     put(monkeypatch, "clinic.identify.inspection.inspect", found)
-    put(monkeypatch, "clinic.identify.inspection_page.draw_inspection", Path("inspection.png"))
     assert shell("inspect", "a.csv", "--out", "out")[0] == code
 
     def refuse(*_: Any, **__: Any) -> None:

@@ -149,6 +149,7 @@ CHANGES: dict[str, tuple[Change, tuple[str, ...]]] = {
     "IMU turned": (_turned, ("imu_mount",)),
     "IMU late": (_unchanged, ()),
     "no accelerometer": (_without_forces, ()),
+    "policy": (_unchanged, ()),
     "layout": (_unchanged, ()),
 }
 """How a log is changed, and the codes that name it, by kind."""
@@ -169,7 +170,9 @@ def draw(seed: int, folder: Path, kind: str) -> Drawn:
     rng = np.random.default_rng([seed, 49])
     robot = str(rng.choice(ROBOTS))
     late = 0.001 * float(rng.integers(3, 16)) if name == "IMU late" else 0.0
-    found = drawn_walk(seed, folder / "walk", robot=robot, seconds=SECONDS, imu_late=late)
+    hold = 0.02 if name == "policy" else 0.001  # torques under targets at 50 Hz
+    chosen = {"imu_late": late, "hold": hold}
+    found = drawn_walk(seed, folder / "walk", robot=robot, seconds=SECONDS, **chosen)
     walk = read_walk(found.log)
     layout = "own"
     make: Callable[[Walked], Table] = _own

@@ -109,6 +109,8 @@ class WalkingLog:
         seconds: duration [s].
         rate: rows per second.
         command: whether u is each joint's torque command, or its position target.
+        hold: time for which the position target behind a torque holds [s], as of a policy. The PD
+            law runs at 1 kHz; a row at a step of the target has the torque after it.
         masses: largest relative error of each link's mass and inertia.
         gains: largest relative error of each motor's gain, of kp and kv.
         friction: largest relative error of armature, viscous and Coulomb friction.
@@ -132,6 +134,7 @@ class WalkingLog:
     seconds: float = 60.0
     rate: float = 200.0
     command: Literal["torque", "position"] = "torque"
+    hold: float = 0.001
     masses: float = 0.2
     gains: float = 0.3
     friction: float = 0.3
@@ -438,10 +441,11 @@ def _simulated(
     forces = np.zeros((count, len(feet), 6))
     base = np.empty((count, 7))
     u = np.zeros(len(joints))
+    period = max(round(what.hold / _CONTROL), 1)
     for k in range(count * every):
         logged = k % every == 0
         if what.command == "torque":
-            u = size.kp * (targets[k] - data.qpos[at]) - size.kv * data.qvel[moving]
+            u = size.kp * (targets[k - k % period] - data.qpos[at]) - size.kv * data.qvel[moving]
         elif logged:
             u = targets[k]
         if lag:

@@ -89,7 +89,7 @@ def test_a_folders_name_that_is_no_utf_8_can_be_told(tmp_path, monkeypatch):
     rows = "".join(f"{0.01 * k:.2f},{k % 7}\n" for k in range(100))
     Path("log.csv").write_text(f"t,q\n{rows}", encoding="utf-8")
     code, said = shell("inspect", "log.csv", "--out", "\udcff")
-    assert code in (0, 1) and "�/inspection.png" in said.out
+    assert code in (0, 1) and "�/inspection.html" in said.out
     assert Path("\udcff").is_dir()
 
 

@@ -42,10 +42,10 @@ WRITTEN = {
         *("design.json", "motion.csv", "scenario.json", "scenario.py", "report.html"),
         "design.rrd",
     ),
-    "compare scalar_rov": ("compare.json", "compare.csv", "report.html", "noise.png"),
-    "track track_ur5": ("tracking.json", "tracking.csv", "report.html", "tracking.png"),
+    "compare scalar_rov": ("compare.json", "compare.csv", "report.html"),
+    "track track_ur5": ("tracking.json", "tracking.csv", "report.html"),
     "sweep scalar_rov": ("manifest.json", "rows.jsonl", "results.parquet", "report.html"),
-    "montecarlo scalar_rov": ("manifest.json", "rows.jsonl", "distributions.png"),
+    "montecarlo scalar_rov": ("manifest.json", "rows.jsonl", "report.html"),
 }
 """Files that a command writes, the first of which marks a folder of its results."""
 

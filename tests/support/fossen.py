@@ -17,7 +17,7 @@ from nsaid_mj.lab.plants.world.body import NED, BodyInertia, command_inputs, hid
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.plants.world.plant import Plant
 from nsaid_mj.lab.plants.world.simulated import SimulatedRobot
-from nsaid_mj.robots.assets import vehicle_files
+from nsaid_mj.robots.assets import VehicleFiles
 from tests.support.matrices import skew
 
 START = np.array([0.3, -0.2, 0.5, 0.4, -0.3, 0.8]), np.array([0.7, 0.4, -0.5, 0.5, 0.6, -0.4])
@@ -201,7 +201,7 @@ def vehicle(true: Hydrodynamics, dt: float, mismatch: Mismatch = Mismatch()) -> 
     m, S_c = true.rigid[0, 0], true.rigid[3:, :3] / true.rigid[0, 0]
     centre = np.array([S_c[2, 1], S_c[0, 2], S_c[1, 0]])
     body = BodyInertia(m, centre, true.rigid[3:, 3:] + m * S_c @ S_c)
-    spec = vehicle_spec(vehicle_files("bluerov2"), dt, body)
+    spec = vehicle_spec(VehicleFiles.of("bluerov2"), dt, body)
     command_inputs(spec, system.n_u)
     acting = replace(true, rigid=np.zeros((6, 6))).theta()
     return SimulatedRobot(system, true.theta(), acting, spec, ("pose",), mismatch)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...base import InvalidInput, OutputFile, numbers_in, print_json, printable
-from ...lab import check_writable, folder_for_results
+from ...lab import ResultsFolder
 from ...report import ExitCode
 from ...robots import asset
 from .checks import check_identify, check_inspect, known_number, names_in
@@ -47,7 +47,7 @@ def identify_log(chosen: ToIdentify) -> int:
     name = f"{Path(model).stem}-identify"
     files = files_of_results(model)
     with (
-        folder_for_results(name, chosen.out, chosen.force, files, "results") as folder,
+        ResultsFolder(chosen.out, chosen.force).of_results(name, files, "results") as folder,
         limited_to(chosen.limit * 1e9),
     ):
         return _identify(model, chosen, folder)
@@ -57,7 +57,7 @@ def _identify(model: str, chosen: ToIdentify, folder: Path) -> int:
     from rich.console import Console
 
     from ...lab import Progress
-    from ...report import print_findings, print_page
+    from ...report import Page, Result, print_page
     from ..logs.unusable import UnusableLog
 
     quiet = chosen.quiet or chosen.json
@@ -77,7 +77,7 @@ def _identify(model: str, chosen: ToIdentify, folder: Path) -> int:
         except UnusableLog as error:
             if not quiet:  # the error itself reports the refusals
                 notes = [finding for finding in error.findings if finding.level != "refusal"]
-                print_findings(notes, Console(stderr=True))
+                print_page(Page("", Result(findings=tuple(notes))), Console(stderr=True))
             raise
     if chosen.json:
         print((folder / RESULT).read_text(encoding="utf-8"), end="")
@@ -253,19 +253,19 @@ def identify_given(
 
 
 MAP = "map.toml"
-PICTURE = "inspection.png"
+INSPECTION = "inspection.html"
 
 
 def inspect_log(chosen: ToInspect) -> int:
     """Executes `nsaid inspect` and returns the exit code: unusable where `identify` would refuse.
 
-    It writes the plot and, if a model but no map is given, a first map. An existing map may have
+    It writes a page and, if a model but no map is given, a first map. An existing map may have
     been edited by hand and is kept: a new one that differs gets another name, and so does the
-    picture beside one that is not ours.
+    page beside one that is not ours.
     """
     if not chosen.logs:
         raise InvalidInput("logs", "one or more files", "none", "Such as `nsaid inspect log.csv`.")
-    check_writable(chosen.out)
+    ResultsFolder(chosen.out).check_writable()
     check_inspect(chosen)
     from ...base import NotWritten
     from ..logs.formats import limited_to
@@ -274,20 +274,19 @@ def inspect_log(chosen: ToInspect) -> int:
         found, fixed = _inspected(chosen)
     with NotWritten.on_failure(chosen.out):
         chosen.out.mkdir(parents=True, exist_ok=True)
-    files = _files_of_inspection(chosen, found, fixed)
+    from ..identify.inspection_page import inspection_page
+
+    page = inspection_page(found)
+    files = [_written(page, chosen.out), *_maps(chosen, found, fixed)]
     if chosen.json:
         print_json(document(found) | ({"fix": fixed.document()} if fixed else {}))
     else:
         from rich.console import Console
 
-        from ..identify.inspection_page import print_inspection
+        from ...report import print_page
 
-        print_inspection(found, Console(highlight=False))
-        for line in fixed.lines if fixed else ():
-            print(printable(line))
-        print()
-        for line in (*files, *_next(chosen, found, files)):
-            print(f"  {printable(str(line))}")
+        last = [*files, *_next(chosen, found, files)]
+        print_page(page, Console(highlight=False), [*(fixed.lines if fixed else ()), *last])
     return ExitCode.UNUSABLE if _unusable(found) else ExitCode.EXPLAINED
 
 
@@ -343,17 +342,19 @@ def _inspected(chosen: ToInspect) -> tuple[Inspection, Fix | None]:
     return fixed.after, fixed
 
 
-def _files_of_inspection(chosen: ToInspect, found: Inspection, fixed: Fix | None) -> list[Path]:
-    """Draws the picture and writes a map: the mended one, or a first one if columns lack in it."""
-    from ...base import OutputFile
-    from ..identify.inspection_page import draw_inspection
+def _written(page: Page, folder: Path) -> Path:
+    """Writes the page of an inspection, under a new name beside one that is not ours."""
+    names = chain((INSPECTION,), map("inspection-{}.html".format, count(2)))
+    paths = (folder / name for name in names)
+    own = next(path for path in paths if not path.exists() or OutputFile(path).is_ours)
+    return page.write_html(folder, own.name)
+
+
+def _maps(chosen: ToInspect, found: Inspection, fixed: Fix | None) -> list[Path]:
+    """Writes a map: the mended one, or a first one if columns lack in it."""
     from ..logs.first_map import first_map
 
-    names = chain((PICTURE,), map("inspection-{}.png".format, count(2)))
-    paths = (chosen.out / name for name in names)
-    files = [
-        draw_inspection(found, next(p for p in paths if not p.exists() or OutputFile(p).is_ours))
-    ]
+    files = []
     if fixed is not None and fixed.kept:
         names = chain((FIXED,), map("map-fixed-{}.toml".format, count(2)))
         files.append(_write_map(chosen.out, names, fixed.text))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...base import require, without_nonfinite
-from ...lab import folder_for
+from ...lab import ResultsFolder
 from ...report import ExitCode
 from .checks import check_live, names_in
 
@@ -58,7 +58,7 @@ def _follow_law(chosen: ToFollow, given: Lines | None) -> int:
     noise = chosen.position_noise, chosen.velocity_noise
     scenario = measured_scenario(robot, chosen.law, chosen.rate, noise, chosen.prior_error)
     quiet = chosen.quiet or chosen.json
-    with folder_for(f"{name}-live", scenario, chosen.out, chosen.force) as folder:
+    with ResultsFolder(chosen.out, chosen.force).of_run(f"{name}-live", scenario) as folder:
         with Progress(name, quiet=quiet) as progress:
             progress.say("reading the model")
             session = Session(scenario, chosen.frame)
@@ -112,7 +112,6 @@ def _follow_walking(chosen: ToFollow, joints: tuple[str, ...], lines: Lines) -> 
     """Identifies a robot that walks while its samples come, and writes the results."""
     from rich.console import Console
 
-    from ...lab import folder_for_results
     from ...report import print_page
     from ..walking import WalkingSamples, identified_along
     from .identify import files_of_results, write
@@ -123,7 +122,7 @@ def _follow_walking(chosen: ToFollow, joints: tuple[str, ...], lines: Lines) -> 
     quiet = chosen.quiet or chosen.json
     show = _send_whole if chosen.json else (_print if not quiet else lambda _: None)
     options = {"lock": names_in(chosen.lock), "joints": names_in(chosen.joints) or None}
-    with folder_for_results(name, chosen.out, chosen.force, files, "results") as folder:
+    with ResultsFolder(chosen.out, chosen.force).of_results(name, files, "results") as folder:
 
         def say(text: str) -> None:
             print(text, file=sys.stderr, flush=True)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...base import CHOICES, InvalidInput
 from ...core import Array, JointScales, JointTree, Prior, SensorLevels
-from ...lab import BUDGET, sysid, toolbox
+from ...lab import Toolbox
 from ...robots import (
     BadRobot,
     Identified,
@@ -68,7 +68,7 @@ def compare_servos(
         NoEstimate: `mujoco.sysid` lacks its own dependencies.
     """
     if {SYSID, STOCK} & {str(model) for model in models}:
-        toolbox()
+        Toolbox()
 
     def parts(model: str) -> list[_Part]:
         if model in CHOICES["fitted model"]:
@@ -112,7 +112,7 @@ def compare_arms(
         NoEstimate: `mujoco.sysid` finds none, or lacks its own dependencies.
     """
     if SYSID in map(str, models):
-        toolbox()
+        Toolbox()
 
     def parts(model: str) -> list[_Part]:
         if model in (IDENTIFIED, SYSID):
@@ -224,9 +224,9 @@ def _constant_velocity(recordings: Recordings) -> Score:
 
 
 def by_toolbox(
-    robot: RobotModel, recordings: Recordings, budget: float = BUDGET
+    robot: RobotModel, recordings: Recordings, budget: float = Toolbox.BUDGET
 ) -> tuple[Identified, Array]:
-    """The values that `lab.plants.sysid.sysid` finds in logs, and (n,) delays of the commands [s].
+    """The values that `mujoco.sysid` finds in logs, and (n,) delays of the commands [s].
 
     It fits links, rotors, viscous and Coulomb friction, and gains. Initial values are those of
     `nsaid identify`: the model file's links, and frictions and gains guessed from the log. The
@@ -251,7 +251,7 @@ def by_toolbox(
     logs = [delayed(s, made.delays).log for s in recordings.segments]
     sign = np.sign(robot.gain)
     logs = [log._replace(q=robot.system.position(log.q), u=log.u * sign) for log in logs]
-    theta, _ = sysid(system, logs, prior, _NOISY, budget)
+    theta, _ = Toolbox().fitted(system, logs, prior, _NOISY, budget)
     rotor, viscous, coulomb, gain = theta[-4 * n :].reshape(4, n)
     model = with_inertias(robot.model, theta[: -4 * n].reshape(-1, 10), rotor)
     found = Identified(model, viscous, coulomb, speeds, gain * sign, "mujoco.sysid")

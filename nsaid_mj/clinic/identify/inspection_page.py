@@ -1,55 +1,42 @@
-"""Terminal output and plot of an inspected log."""
+"""The page of an inspected log."""
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
-from rich.console import Console
 
-from ...base import Finding
 from ...core import Array, Log, number
 from ...report import (
-    BAD,
-    COLOURS,
-    GRID,
     Cell,
+    Figures,
+    Items,
     Mark,
     Page,
+    Panel,
     Result,
+    Section,
     Table,
     Text,
     count,
-    extremes,
-    png_of,
-    print_findings,
-    print_page,
-    print_panels,
+    figures_of,
 )
 from ...robots import RobotModel
 from ..logs.recordings import Recordings
 from .inspection import ChannelFigures, Inspection, signal_names
 
-_POINTS = 4000  # of a curve; more are thinned to the extremes of equal parts
 _LISTED = 1000  # channels that are printed, those in use first
 _MOST = 40  # largest number of drawn channels of a log without a map
 
 
-def print_inspection(found: Inspection, console: Console) -> None:
-    """Prints whether the log can be identified and why not, every channel, then the notes.
+def _tables(found: Inspection) -> list[Section]:
+    """A table of the channels of each clock, below what they share.
 
     "flat" is the share of rows at a flat extreme, "same" of those that repeat the value before; a
     column without any entry is left out.
     """
-    result = result_of(found)
-    findings = Finding.gravest_first(found.findings)
-    grave = tuple(finding for finding in findings if finding.level != "note")
-    if result.explains is not None:
-        print_page(Page("", result), console)
-    print_findings(grave, console, codes=True)
     heads = ("channel", "from", "to", "noise", "step", "flat", "same", "used as")
+    sections = []
     for clock in dict.fromkeys(map(_clock, found.channels)):
         own = [channel for channel in found.channels if _clock(channel) == clock]
         more = len(own) - _LISTED
@@ -58,10 +45,8 @@ def print_inspection(found: Inspection, console: Console) -> None:
         lines = [_cells(channel) for channel in own[:_LISTED]]
         table = Table(heads, lines, (0, len(heads) - 1), most=len(lines)).without_empty_columns()
         rest = [Text(f"… and {more} more, which --json lists")] if more > 0 else []
-        print_panels([Text(clock), table, *rest], console)
-    console.print()
-    notes = [finding for finding in findings if finding.level == "note"]
-    print_findings(notes, console, codes=True)
+        sections.append(Section("", [Text(clock), table, *rest], brief=True))
+    return sections
 
 
 def result_of(found: Inspection) -> Result:
@@ -102,20 +87,27 @@ def _cells(channel: ChannelFigures) -> list[Cell]:
     ]
 
 
-def draw_inspection(found: Inspection, path: Path) -> Path:
-    """Draws q, v and u of every joint over time, or all channels if they are not matched, as PNG.
+def inspection_page(found: Inspection) -> Page:
+    """The page of an inspected log: findings, signals over time, and all channels.
 
-    Rows that are not used for a joint are marked on its velocity, and phases that take no part in
-    the fit are grey, with their kinds. Returns the path.
+    The signals are q, v and u of every joint, or all channels if they are not matched. What a fit
+    does not use of them is shaded.
     """
     if found.recordings is not None and found.robot is not None:
-        lines = _signals(found.recordings, found.robot)
+        sections = _signals(found.recordings, found.robot)
     else:
-        lines = _channels(found)
-    return png_of(lines, (11.0, 1.8 * len(lines) + 0.4), path)
-
-
-Line = Mapping[str, Callable[[Axes], None]]
+        sections = [Section("Channels over time", [Figures(figures_of(_channels(found)))])]
+    files = list(dict.fromkeys(table.source for table in found.tables))
+    more = len(files) - 1
+    result = replace(result_of(found), findings=found.findings)
+    return Page(
+        heading=f"{', '.join(files[:1])}{f' and {more} more' if more > 0 else ''}",
+        result=result,
+        eyebrow="inspected log",
+        lead="" if result.explains else count(len(found.channels), "channel"),
+        sections=[*sections, *_tables(found)],
+        detailed=True,
+    )
 
 
 class _Part(NamedTuple):
@@ -125,6 +117,11 @@ class _Part(NamedTuple):
     start: float  # of its first sample on that axis [s]
     usable: np.ndarray | None  # (N, n) rows that a fit may use; None of a phase that is left out
     kind: str = ""  # of such a phase
+
+    @property
+    def t(self) -> Array:
+        """(N,) its times on the axis of all logs [s]."""
+        return self.log.t - self.log.t[0] + self.start
 
 
 def _parts(recordings: Recordings) -> list[_Part]:
@@ -143,66 +140,58 @@ def _parts(recordings: Recordings) -> list[_Part]:
     return found
 
 
-def _signals(recordings: Recordings, robot: RobotModel) -> list[Line]:
-    """A line for each joint, or for each position, velocity and command of a vehicle."""
+def _signals(recordings: Recordings, robot: RobotModel) -> list[Section]:
+    """Positions, velocities and commands over time, and which phases are left out."""
     parts = _parts(recordings)
     names = signal_names(robot)
     own = zip(names["u"], recordings.command_units, strict=False)
     names["u"] = [(name, unit) for (name, _), unit in own] or names["u"]
-    titles = ("position", "velocity (red: rows that are not used)", "command")
-    lines: list[Line] = []
-    for j in range(max(map(len, names.values()))):
-        line: dict[str, Callable[[Axes], None]] = dict.fromkeys(titles, Axes.set_axis_off)
-        for place, (title, columns) in enumerate(zip(titles, names.values(), strict=True), 1):
-            if j < len(columns):
-                name, unit = columns[j]
-                label = f"{name} [{unit}]" if unit else name
-                line[title] = partial(_phases, parts, place, j, label)
-        lines.append(line)
-    return lines
+    kinds = {"Positions": "position", "Velocities": "velocity", "Commands": "command"}
+    sections = []
+    for place, (title, columns) in enumerate(zip(kinds, names.values(), strict=True), 1):
+        panels = _panels(parts, place, kinds[title], columns)
+        if panels:
+            sections.append(Section(title, [Figures(figures_of(panels), title.lower())]))
+    left_out = [
+        f"{part.kind}: {part.t[0]:.4g} to {part.t[-1]:.4g} s" for part in parts if part.kind
+    ]
+    return sections + ([Section("Phases that are not used", [Items(left_out)])] if left_out else [])
 
 
-def _channels(found: Inspection) -> list[Line]:
-    channels = [c for table in found.tables for c in table.channels.items()][:_MOST]
-    lines: list[Line] = []
-    for start in range(0, len(channels), 3):
-        row = channels[start : start + 3]
-        panels = {
-            " " * k: partial(_curve, channel.t, channel.values, name)
-            for k, (name, channel) in enumerate(row)
-        }
-        lines.append(panels | {" " * k: Axes.set_axis_off for k in range(len(row), 3)})
-    return lines
+def _panels(
+    parts: Sequence[_Part], place: int, kind: str, columns: Sequence[tuple[str, str]]
+) -> list[Panel]:
+    """A panel for each column of the q, v or u (`place` 1, 2 or 3) of a kind, with all parts."""
+    found = []
+    for j, (name, unit) in enumerate(columns):
+        panel = Panel(name, f"{name} [{unit}]" if unit else name)
+        shaded: list[tuple[float, float]] = []
+        for part in parts:
+            t = part.t
+            left_out = part.usable is None
+            values = part.log[place][:, j]
+            panel.add(t, values, "" if left_out else kind, place=8 if left_out else 0)
+            if part.usable is None:
+                shaded.append((float(t[0]), float(t[-1])))
+            elif place == 2:
+                shaded += _spans(t, ~part.usable[:, j])
+        panel.unused = shaded
+        found.append(panel)
+    return found
 
 
-def _phases(parts: Sequence[_Part], place: int, j: int, label: str, axis: Axes) -> None:
-    """Draws column j of the q, v or u (`place` 1, 2 or 3) of all parts; those left out are grey."""
-    used = 0
-    for part in parts:
-        t = part.log.t - part.log.t[0] + part.start
-        x = part.log[place][:, j]
-        rows = extremes(x, _POINTS)
-        left_out = part.usable is None
-        colour = COLOURS[8] if left_out else COLOURS[used % len(COLOURS)]
-        used += not left_out
-        axis.plot(t[rows], x[rows], color=colour, linewidth=0.8)
-        if part.usable is not None and place == 2:
-            off = np.flatnonzero(~part.usable[:, j])
-            off = off[extremes(x[off], _POINTS)] if len(off) else off
-            axis.plot(t[off], x[off], ".", color=BAD, markersize=1.5)
-        if left_out:
-            axis.axvspan(t[0], t[-1], color=GRID, zorder=0)
-            top = axis.get_xaxis_transform()
-            axis.text(t[0], 0.97, f" {part.kind}", fontsize=6, va="top", transform=top)
-    axis.margins(x=0.0)
-    axis.set_ylabel(label)
-    axis.set_xlabel("t [s]")
+def _spans(t: Array, chosen: np.ndarray) -> list[tuple[float, float]]:
+    """First and last times of every stretch of chosen rows, which reach half-way to the others."""
+    middle = np.concatenate([t[:1], (t[1:] + t[:-1]) / 2, t[-1:]])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(int)))
+    return [(float(middle[a]), float(middle[b])) for a, b in edges.reshape(-1, 2)]
 
 
-def _curve(t: Array, x: Array, label: str, axis: Axes) -> None:
-    """Draws one curve."""
-    rows = extremes(x, _POINTS)
-    axis.plot(t[rows], x[rows], color=COLOURS[0], linewidth=0.8)
-    axis.margins(x=0.0)
-    axis.set_ylabel(label)
-    axis.set_xlabel("t [s]")
+def _channels(found: Inspection) -> list[Panel]:
+    """The first channels of the files over time."""
+    panels = []
+    for name, channel in [c for table in found.tables for c in table.channels.items()][:_MOST]:
+        panel = Panel(name, name)
+        panel.add(channel.t, channel.values, "value")
+        panels.append(panel)
+    return panels

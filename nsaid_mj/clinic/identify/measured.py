@@ -29,7 +29,6 @@ from ...lab import (
     RobotDescription,
     Scenario,
     SensorNoise,
-    nominal_scales,
 )
 from ...robots import RobotModel
 from .links import file_links
@@ -102,10 +101,10 @@ def _arm(model: RobotModel, gain: float | None) -> RobotDescription:
     What the file does not state is guessed by order of magnitude: a geared motor needs about a
     twentieth of its largest force to overcome friction of either kind, and its rotor alone
     accelerates at some 300 rad/s². If the file states no largest force, that of a fast motion
-    replaces it; see `nominal_scales`.
+    replaces it; see `ArmPlant.nominal_scales`.
     """
     tree = model.model
-    nominal = nominal_scales(model.model, ArmPlant())
+    nominal = ArmPlant().nominal_scales(model.model)
     k = len(model.joints)
     driven = [j for j, name in enumerate(model.joints) if name not in model.passive]
     gains = np.abs(model.gain[driven]) if gain is None else np.full(len(driven), gain)

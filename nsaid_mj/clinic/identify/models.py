@@ -15,11 +15,11 @@ from ...lab import load
 from ...robots import (
     BadRobot,
     RobotModel,
+    VehicleFiles,
     is_vehicle,
     load_tree,
     packed_vehicles,
     scenarios,
-    vehicle_files,
 )
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def load_robot_model(
     from ...lab import ParametricPlantConfig
 
     packed = model in scenarios()
-    config = load(model).plant if packed else plant_of(vehicle_files(model).sheet)
+    config = load(model).plant if packed else plant_of(VehicleFiles.of(model).sheet)
     if not isinstance(config, ParametricPlantConfig):
         reason = "its equations of motion are not linear in known parameters"
         raise BadRobot(model, "", reason, "It can only be simulated: `nsaid run`.")
@@ -70,7 +70,7 @@ def load_robot_model(
     count = plant.system.n_u
     return RobotModel(
         name=model if packed else Path(model).stem,
-        source=None if packed else vehicle_files(model).sheet,
+        source=None if packed else VehicleFiles.of(model).sheet,
         kind="vehicle",
         model=None,
         joints=command_names(system),

@@ -3,33 +3,30 @@
 import math
 import platform
 import shlex
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from ... import __version__
 from ...core import number
 from ...report import (
-    CORRELATIONS,
-    AnyPanel,
     Badges,
     Cell,
     Comparison,
     Figure,
     Figures,
+    HeatMap,
     Mark,
     Page,
     PageItem,
     Parameter,
+    ParameterTables,
     Section,
     Table,
     Text,
-    correlations,
     count,
     estimate,
-    folds,
-    forests,
-    gains_of,
+    figures_of,
 )
 from ...report import Panel as Curves
 from ..logs.recordings import Recordings
@@ -70,7 +67,6 @@ _FRAMES = (
 
 def identification_page(result: Identification, command: str = "") -> Page:
     """The page of an identification; without a `command` line it names model and logs only."""
-    from ...report import figures_of
     from . import picture
 
     row, rows = wording.rows_of(result)
@@ -84,7 +80,7 @@ def identification_page(result: Identification, command: str = "") -> Page:
     histories = [panel for panel in panels if isinstance(panel, Curves) and panel.page]
     filtered = _FILTERED.format(number(result.cutoff), row)
     arm = row == "joint"
-    quality, gains, *determined = _sections(result, figures_of)
+    quality, gains, *determined = _sections(result)
     predicted = Section(
         f"{'Commands' if arm else 'Forces of the actuators'}, measured and predicted",
         [Figures(figures_of(commands), rows), Text(filtered, note=True)],
@@ -107,7 +103,7 @@ def identification_page(result: Identification, command: str = "") -> Page:
         ),
         Section(
             f"Correlations of gains, {'frictions and rotors' if arm else 'drag and damping'}",
-            _correlations(result, figures_of),
+            _correlations(result),
         ),
     ]
     return Page(
@@ -133,17 +129,14 @@ def phases_table(recordings: Recordings) -> list[PageItem]:
     return [Table(("log", "time", "phase", "in the fit"), lines, (0, 2, 3), most=_LINES)]
 
 
-Draw = Callable[[Iterable[AnyPanel]], list[Figure]]
-"""Draws panels, as `drawings.figures_of`."""
-
-
-def _sections(result: Identification, draw: Draw) -> list[Section]:
+def _sections(result: Identification) -> list[Section]:
     """What the log determines of each parameter, and what it does not."""
     arm = wording.rows_of(result)[0] == "joint"
     gains = result.gains
     bodies = result.bodies
     others = [p for p in result.parameters if p.block not in bodies and not p.is_gain]
     numbers = {c.words: k for k, c in enumerate(result.combinations, 1)}
+    tables = ParameterTables(result, numbers)
     return [
         Section(
             "Does the model explain the log?",
@@ -159,8 +152,8 @@ def _sections(result: Identification, draw: Draw) -> list[Section]:
         Section(
             "Actuator gains",
             [
-                Figures(draw(forests(gains))),
-                *gains_of(result, numbers),
+                Figures(figures_of(Parameter.forests(gains))),
+                *tables.gains(),
                 Text(
                     "Lines are 95 % intervals; ◇ is the prior, the value before the log; "
                     "relative: of the ratio to the other gains.",
@@ -175,7 +168,7 @@ def _sections(result: Identification, draw: Draw) -> list[Section]:
             "Friction, rotors and other forces of the joints"
             if arm
             else "Drag, damping and other forces",
-            [*_frictions(draw(forests(others))), *_kinds(result)],
+            [*_frictions(figures_of(Parameter.forests(others))), *_kinds(result)],
             brief=True,
         ),
         Section("What this log does not determine", _unknown(result)),
@@ -184,7 +177,7 @@ def _sections(result: Identification, draw: Draw) -> list[Section]:
             "All other parameters" if gains else "All parameters",
             [
                 Badges(Parameter.counted(p for p in result.parameters if not p.is_gain)),
-                *folds(result, numbers, gains=False),
+                *tables.folds(gains=False),
                 Text(_FRAMES, note=True),
             ],
             brief=True,
@@ -332,7 +325,7 @@ def _command(result: Identification) -> str:
     return shlex.join(["nsaid", "identify", "--model", model, "--log", *logs])
 
 
-def _correlations(result: Identification, draw: Draw) -> list[PageItem]:
+def _correlations(result: Identification) -> list[PageItem]:
     """Correlations of gains, frictions and rotor inertias; empty for fewer than two."""
     bodies = result.bodies
     variance = np.diag(result.covariance)
@@ -343,5 +336,5 @@ def _correlations(result: Identification, draw: Draw) -> list[PageItem]:
     r = result.covariance[np.ix_(chosen, chosen)]
     deviation = np.sqrt(variance[chosen])
     labels = [result.parameters[k].label for k in chosen]
-    figures = draw(correlations(labels, r / np.outer(deviation, deviation)))
-    return [Figures(figures), Text(CORRELATIONS, note=True)] if figures else []
+    figures = figures_of(HeatMap.of_strongest(labels, r / np.outer(deviation, deviation)))
+    return [Figures(figures), Text(HeatMap.MEANING, note=True)] if figures else []

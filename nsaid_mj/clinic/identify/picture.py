@@ -5,8 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core import Array
-from ...report import BAD, COLOURS, GRID, INK, Axes, Side, drawing
-from ...report import Figure as PageFigure
+from ...report import BAD, COLOURS, GRID, INK, Axes, Figure, Side
 from . import wording
 from .ground.poses import poses
 from .result import Identification
@@ -26,7 +25,7 @@ _COLUMN = 9  # names in one column, at most: a second one takes a third of the w
 _COLOURS = {"good": COLOURS[3], "fair": COLOURS[5], "poor": BAD}
 
 
-def picture(result: Identification) -> PageFigure | None:
+def picture(result: Identification) -> Figure | None:
     """The robot in the first pose of its log; None if its model has no joints to draw."""
     model = result.robot.model
     segment = result.recordings.segments[0]
@@ -61,11 +60,11 @@ def picture(result: Identification) -> PageFigure | None:
         axes.line(ends[:, 0], ends[:, 1], colour, width=width, opacity=opacity)
     for name, at in zip(names, joints, strict=True):
         colour = _COLOURS.get(marks.get(name, ""), COLOURS[8])
-        axes.marks(at[:1], at[1:], colour, "", "o", filled=True)
+        axes.marks(at[:1], at[1:], colour, "", "●")
     for words_, at, anchor in labels.texts:
         axes.text(words_, *at, anchor=anchor, size=labels.size)
     legend = [
-        (words_, colour, ".")
+        (words_, colour, "●")
         for kind, words_, colour in (
             ("good", "held-out NRMSE < 20 %", _COLOURS["good"]),
             ("fair", "< 50 %", _COLOURS["fair"]),
@@ -74,7 +73,7 @@ def picture(result: Identification) -> PageFigure | None:
         if kind in marks.values()
     ]
     title = "Robot in its first logged pose"
-    return PageFigure(title, drawing("robot", _WIDTH, height, [axes]), legend)
+    return axes.figure(title, legend)
 
 
 def _height(size: Array, names: int) -> float:

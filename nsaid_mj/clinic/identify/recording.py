@@ -16,16 +16,10 @@ from ...report import (
     Camera,
     Comparison,
     Page,
+    ParameterTables,
     Plots,
     Scene,
     Text,
-    folds,
-    item_lines,
-    result_view,
-    robot_view,
-    table,
-    views_beside,
-    whole_blueprint,
     write_recording,
 )
 from ...report import Panel as Curves
@@ -65,9 +59,9 @@ def record(page: Page, file: Path) -> Path:
     camera, draw = moving_robot(result.robot, motion)
     ends = [float(p.t[-1]) for p in result.curves if isinstance(p, Comparison) and len(p.t)]
     plots = Plots.of(result.curves, max(ends) if ends else None)
-    layout = _blueprint(result, camera, plots)
-    documents = {"result": page.markdown(), "parameters": "\n".join(item_lines(folds(result)))}
-    return write_recording(file, result.robot.name, layout, documents, plots.curves, draw)
+    pages = _pages(result, camera, plots)
+    documents = {"result": page.markdown(), "parameters": ParameterTables(result).folds()}
+    return write_recording(file, result.robot.name, pages, documents, plots.curves, draw)
 
 
 def moving_robot(
@@ -108,8 +102,8 @@ def moving_robot(
     return camera, draw
 
 
-def _blueprint(found: Identification, camera: Camera | None, plots: Plots) -> rrb.Blueprint:
-    """Layout of a recording.
+def _pages(found: Identification, camera: Camera | None, plots: Plots) -> list[rrb.Container]:
+    """Pages of a recording.
 
     Args:
         found: the identification, with its curves.
@@ -149,7 +143,7 @@ def _blueprint(found: Identification, camera: Camera | None, plots: Plots) -> rr
         if panel.page
     ]
     pages += paged("Over the batch fit", plots, relative)
-    return whole_blueprint(*pages, parameters())
+    return [*pages, parameters()]
 
 
 _Joint = tuple[str, str, float, str]  # name, unit, error, and the error in words
@@ -175,14 +169,14 @@ def joint_pages(
     Residuals, measured - computed, have pages of their own.
     """
     shown = _titles(entity, joints)
-    left: list[rrb.View | rrb.Container] = [result_view("Verdict")]
-    left += [] if camera is None else [robot_view(camera, "Robot, as logged")]
+    left: list[rrb.View | rrb.Container] = [rrb.TextDocumentView(origin="/result", name="Verdict")]
+    left += [] if camera is None else [camera.view("Robot, as logged")]
     errors = [-error if math.isfinite(error) else -math.inf for _, _, error, _ in joints]
     worst = sorted(np.argsort(errors, kind="stable")[:_FIRST].tolist())
     columns = 1 if len(worst) < 4 else 2
     large = [shown[j] for j in worst]
     grid = plots.grid([plots(of, name, Plots.RIGHT / columns) for of, name in large], columns)
-    pages: list[rrb.Container] = [views_beside(left, grid, "Overview", [1, 1])]
+    pages: list[rrb.Container] = [Plots.beside(left, grid, "Overview", [1, 1])]
     if len(joints) > _FIRST:
         pages += paged(f"{entity.capitalize()}s", plots, shown)
     units = [(name, unit and f" [{unit}]") for name, unit, *_ in joints]
@@ -252,14 +246,15 @@ def record_servos(page: Page, replayed: Replayed, file: Path) -> Path:
         for servo, panel in zip(found.servos, comparisons, strict=True)
     ]
     pages = joint_pages(camera, plots, joints, "position", "simulated")
+    tables = ParameterTables(found)
     by_joint = [
         panel
         for name in found.robot.joints
         for panel in (
             Text(name, head=True),
-            table([p for p in found.parameters if p.label.endswith(f" of {name}")]),
+            tables.of([p for p in found.parameters if p.label.endswith(f" of {name}")]),
         )
     ]
-    documents = {"result": page.markdown(), "parameters": "\n".join(item_lines(by_joint))}
-    layout = whole_blueprint(*pages, parameters())
-    return write_recording(file, found.robot.name, layout, documents, plots.curves, draw)
+    documents = {"result": page.markdown(), "parameters": by_joint}
+    pages.append(parameters())
+    return write_recording(file, found.robot.name, pages, documents, plots.curves, draw)

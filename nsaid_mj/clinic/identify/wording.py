@@ -3,7 +3,7 @@
 import math
 
 from ...core import ABSENT, number
-from ...report import Mark, Status, estimate, statistic
+from ...report import Mark, Status, estimate, percent
 from .result import AlongLog, Identification, JointStructure
 
 UNKNOWN = math.log(30.0)
@@ -12,7 +12,7 @@ UNKNOWN = math.log(30.0)
 
 def nrmse(value: float | None) -> str:
     """An NRMSE in percent; – if there is none."""
-    return statistic(None if value is None or not math.isfinite(value) else value, "%")
+    return percent(None if value is None or not math.isfinite(value) else value)
 
 
 def quality(held_out: float, alone: float = math.nan) -> Mark:

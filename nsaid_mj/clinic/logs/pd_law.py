@@ -14,9 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ...base import Finding, InvalidInput, UnknownName
-from ...core import Array
+from ...core import Array, Log
 from ...robots import RobotModel
 from .mapping import ChannelSource, Gains, Pd
+from .recordings import Recordings
 from .signals import Signal
 
 
@@ -103,6 +104,55 @@ def _in_order(name: str, given: Gains | None, joints: Sequence[str]) -> Array | 
         expected = f"one number, or one for each of {len(joints)} joints"
         raise InvalidInput(f"map: pd.{name}", expected, f"{len(numbers)} of them", remedy)
     return np.broadcast_to(numbers, (len(joints),)).copy()
+
+
+def feedback_in(recordings: Recordings) -> Array | None:
+    """(2, n) gains kp and kd of a PD law by which measured torques were made; None without one.
+
+    While a target holds, such a torque changes by −kp Δq − kd Δv from row to row; rows in which the
+    target steps have little weight. The gains are per unit of the commands, and 0 for joints whose
+    commands these changes do not explain.
+    """
+    law = np.zeros((2, recordings.segments[0].log.u.shape[1]))
+    for joint in range(law.shape[1]):
+        best = _EVIDENT
+        for apart in _APART:
+            changes = [_changes(segment.log, joint, apart) for segment in recordings.segments]
+            gains, explained = _robust_fit(np.concatenate(changes))
+            if explained > best and (gains > 0).all():
+                best = explained
+                law[:, joint] = gains
+    return law if law.any() else None
+
+
+_EVIDENT = 0.8  # share of a torque's changes that is feedback: .83 to 1 with 14 bits and .02 rad/s
+_APART = (1, 2, 3, 4)  # rows: over more of them noise counts less, but more targets step
+_FEW = 100  # changes below which no law is told
+
+
+def _changes(log: Log, joint: int, apart: int) -> Array:
+    """(N, 3) changes of −q, −v and u over some rows."""
+    each = np.column_stack([-log.q[:, joint], -log.v[:, joint], log.u[:, joint]])
+    return np.asarray(each[apart:] - each[:-apart], dtype=np.float64)
+
+
+def _robust_fit(rows: Array) -> tuple[Array, float]:
+    """(k,) coefficients of the last column of (N, k + 1) by the others, with Cauchy weights.
+
+    Also the weighted share of its squares that they explain; 0 for few rows, or constant columns.
+    """
+    X = rows[:, :-1]
+    y = rows[:, -1]
+    if len(y) < _FEW or not rows.any(axis=0).all():
+        return np.zeros(X.shape[1]), 0.0
+    weights = np.ones(len(y))
+    for _ in range(20):
+        normal = X.T @ (weights[:, None] * X)
+        found = np.linalg.lstsq(normal, X.T @ (weights * y), rcond=None)[0]
+        left = y - X @ found
+        spread = max(1.5 * float(np.median(np.abs(left))), 1e-12)
+        weights = 1 / (1 + (left / spread) ** 2)
+    return found, 1 - float(weights @ left**2) / float(weights @ y**2)
 
 
 def held_mean(signal: Signal, t: Array) -> Array:

@@ -14,7 +14,7 @@ import orjson
 
 from ...base import CHOICES, InvalidInput, json_of
 from ...core import Array, Log, Measurement, SecondOrderSystem, Status
-from ...lab import LONGEST_STEP, Source, SourceSegment
+from ...lab import Source, SourceSegment
 
 """Axes of world and body: east, north, up and forward, left, up, as in the models; or north, east,
 down and forward, right, down."""
@@ -91,7 +91,7 @@ class Cleaner:
             counts.late += t < self._last
             return None
         step = t - self._last if counts.used else 0.0
-        gap = step > LONGEST_STEP * self._period
+        gap = step > Source.LONGEST_STEP * self._period
         if gap:
             counts.gaps += 1
             counts.missing += max(1, round(step / self._period) - 1)

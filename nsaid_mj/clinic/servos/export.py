@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 
 from ...base import Finding, OutputFile
 from ...core import Array
-from ...lab import JointMap, followed_targets, toolbox
+from ...lab import JointMap, Toolbox, followed_targets
 from ...robots import MjcfFile, MjcfText, quiet
 from .logs import ServoLog, ServoLogs
 from .result import Replayed, Servo, ServoIdentification, concluded
@@ -424,7 +424,7 @@ class _ReplaySearch:
 
     def fitted(self) -> Array:
         """(4, n) parameters at the end of the toolbox's search."""
-        own = toolbox()
+        own = Toolbox().module
         shape = self.start.shape
         start = self.start
         low = start / _RANGE

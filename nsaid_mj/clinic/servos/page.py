@@ -20,7 +20,6 @@ from ...report import (
     Text,
     count,
     figures_of,
-    forests,
     robot_picture,
 )
 from ..identify.comparison import Score
@@ -111,7 +110,7 @@ def _intervals(result: ServoIdentification, before: Array) -> list[PageItem]:
             shown.append(replace(p, block=what, label=label, prior=prior, high=high))
     words = f"Lines are 95 % intervals, up to {_WIDE:g} times the estimate; ◇: the model file."
     note = Text(words, note=True)
-    return [Figures(figures_of(forests(shown))), note]
+    return [Figures(figures_of(Parameter.forests(shown))), note]
 
 
 def _replay(result: ServoIdentification, log: ServoLog) -> Section:

@@ -232,7 +232,7 @@ class Kernel(Compiled):
         """Its addresses in code that the package brings, for compiled code and for C."""
         for callee in callees(named(self.py_func)):
             assert callee.address
-        return shipped.load(self.symbol)
+        return None if self.py_func.__closure__ else shipped.load(self.symbol)
 
     @cached_property
     def address(self) -> int:

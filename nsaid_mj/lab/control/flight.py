@@ -79,7 +79,7 @@ class Flight(Driver):
         squares = np.empty(4)
         step = t - self._t
         own = (self._sums, self._control)
-        state = (np.require(x, np.float64, "CW") for x in (q, v))
+        state = (np.require(x, np.float64, ["C", "W"]) for x in (q, v))
         _mix(*state, self._path(t), step, *own, np.empty(9), np.empty(30), squares)
         self._t = t
         return np.clip(np.sqrt(squares) * (1 + self._dither(t)), _SLOWEST, 1.0)

@@ -75,7 +75,7 @@ class ComputedTorque(SeriesFollower):
     def command(self, t: float, q: Array, v: Array) -> Array:
         """(d,) command u."""
         u = np.empty(len(self._tracking.driven))
-        state = (np.require(x, np.float64, "CW") for x in (q, v))
+        state = (np.require(x, np.float64, ["C", "W"]) for x in (q, v))
         computed_torque(self._tracking, t, *state, self._workspace, u)
         return u
 

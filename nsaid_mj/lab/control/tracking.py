@@ -151,13 +151,20 @@ class DesignedSignals(DriverConfig):
     driver: DriverConfig = field(default_factory=MultisineCommand)
     shares: tuple[PositiveShare, ...] = ()
 
+    @staticmethod
+    def draws_of(driver: DriverConfig, system: SecondOrderSystem, prior: Array) -> int:
+        """How many uniform draws a driver takes, each of which needs a share; 0 for none."""
+        given = _Given(np.empty(0))
+        driver.build(system, prior, given)
+        return given.used
+
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver.
 
         Raises:
             InvalidInput: the driver needs another number of draws, or draws of another kind.
         """
-        given = Given(np.array(self.shares))
+        given = _Given(np.array(self.shares))
         driver = self.driver.build(system, prior, given)
         if given.used != len(self.shares):
             raise InvalidInput(
@@ -169,7 +176,7 @@ class DesignedSignals(DriverConfig):
         return driver
 
 
-class Given(np.random.Generator):
+class _Given(np.random.Generator):
     """Returns given shares (k,) in [0, 1] in place of uniform draws; after the last one, 0.5."""
 
     def __init__(self, shares: Array):

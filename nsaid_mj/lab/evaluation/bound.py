@@ -19,10 +19,7 @@ import scipy.linalg
 
 from ...base import NoEstimate
 from ...core import Array, Log, SensorLevels
-from .figures import Judge
 from .truth import Truth
-
-_DRAWS = 200  # estimates whose median figures are those of the bound
 
 
 def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
@@ -49,21 +46,3 @@ def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
         raise NoEstimate("M or S is not positive definite along the log", "Use a shorter log.")
     root = scipy.linalg.solve_triangular(A, G.T, trans=1)
     return root.T @ root
-
-
-def bound_figures(
-    truth: Truth, judge: Judge, log: Log, levels: SensorLevels
-) -> dict[str, float | None]:
-    """Median figures of estimates that attain the bound of a log; raises as `cramer_rao` does."""
-    covariance = cramer_rao(truth, log, levels)
-    basis = truth.nullspace.P_perp
-    scale = truth.system.space.scale
-    values, vectors = scipy.linalg.eigh(basis.T @ covariance @ basis)
-    root = basis @ (vectors * np.sqrt(np.maximum(values, 0.0)))
-    draws = np.random.default_rng(0).standard_normal((_DRAWS, root.shape[1])) @ root.T
-    found = [judge(truth.theta + scale * draw) for draw in draws]
-    columns = {key: [figures[key] for figures in found] for key in found[0]}
-    return {
-        key: None if None in column else float(np.median(np.array(column, dtype=np.float64)))
-        for key, column in columns.items()
-    }

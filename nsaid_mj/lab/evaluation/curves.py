@@ -16,22 +16,20 @@ from ...core import (
 )
 from ...report import (
     COLOURS,
-    EXCITATION_LEVELS,
     LAWS,
     Comparison,
     Panel,
-    groups,
-    local_rms,
+    percent,
     spread,
-    statistic,
 )
 from ..contacts import contact_forces, without_contacts
 from ..loop import Run
 from .confidence import INTERVAL
-from .figures import CONVERGED, common_factor, forces_of, midpoints
+from .figures import common_factor, forces_of, midpoints
+from .labels import EXCITATION_LEVELS, groups
 from .lyapunov import energy as energy_of
 from .run_result import OWN, RunResult
-from .truth import Truth
+from .truth import CONVERGED, Truth
 
 _POINTS = 4000  # of a curve over time, at most; more than the width of a screen
 _NUMBERS = 400_000  # entries of θ̂ over all curves, at most: a minute's recording stays below 20 MB
@@ -91,7 +89,7 @@ def _main(result: RunResult, run: Run, rows: Indices, truth: Truth | None) -> li
             distance.add(t, ratio, label, place=place, part=(label,))
         if len(later):
             dv = record[f"v_hat{suffix}"][later] - record["v"][later]
-            error.add(*local_rms(record["t"][later], dv), label, place=place, part=(label,))
+            error.add_rms(record["t"][later], dv, label, place, part=(label,))
     gains = _gains(result, run, rows, None if truth is None else truth.theta_at(t))
     energy = Panel("Lyapunov function", "V [J]", logarithmic=True, key=("lyapunov",))
     if truth is not None and run.identifiers[""].metric is not None:
@@ -381,7 +379,7 @@ def _forces(run: Run, truth: Truth | None) -> list[Comparison]:
     panels = []
     for j in order[~none[order]]:  # a leg's own rows say its foot's force, and nothing else
         known = np.isfinite(error[j])
-        number = statistic(float(error[j]), "%")
+        number = percent(float(error[j]))
         note = f": error {number}" if known else ", not actuated"
         kind = {"N": "force", "N·m": "torque"}.get(units[j], "generalised force")
         panels.append(

@@ -3,11 +3,19 @@
 from typing import NamedTuple
 
 import numpy as np
+import scipy.linalg
 
-from ...core import Array, Indices, Log, Nullspace, SecondOrderSystem
+from ...core import (
+    Array,
+    Indices,
+    Log,
+    Nullspace,
+    SecondOrderSystem,
+    SensorLevels,
+)
 from ..contacts import without_contacts
 from ..loop import Run
-from ..source import LONGEST_STEP
+from ..source import Source
 from .confidence import INTERVAL, known
 from .statistics import Accuracy, finite
 from .truth import Truth, nullspace_of
@@ -18,6 +26,7 @@ NUMBERS = 20_000_000
 _ROWS = 2000  # of a trajectory, at most, at which regressors are formed
 _STRETCHES = 500  # of a measured log, at most, over which they are averaged
 _STRETCH = 0.1  # length of each [s]
+_DRAWS = 200  # estimates whose median figures are those of the bound
 
 
 def stride_of(length: int, system: SecondOrderSystem) -> int:
@@ -53,10 +62,6 @@ def midpoints(
     return 0.5 * (t[k] + t[k + 1]), np.hstack([middle, mean]), mean, u, rate
 
 
-CONVERGED = 0.01
-"""Distance to the true set below which an estimate counts as converged, if it remains there."""
-
-
 class Judge:
     """Computes the figures of estimates of one plant, from any method."""
 
@@ -70,8 +75,26 @@ class Judge:
         system = self._truth.system
         return {
             "theta_perp_ratio": float(truth.nullspace.ratio(theta_hat / system.space.scale)),
-            "actuator_ratio_error": actuator_ratio_error(system, theta_hat, truth.theta),
+            "actuator_ratio_error": truth.gain_ratio_error(theta_hat),
             "force_residual_ratio": residual_ratio(system, self._rows, theta_hat),
+        }
+
+    def bound(self, log: Log, levels: SensorLevels) -> dict[str, float | None]:
+        """Median figures of estimates that attain the bound of a log; raises as `cramer_rao`."""
+        from .bound import cramer_rao
+
+        truth = self._truth
+        covariance = cramer_rao(truth, log, levels)
+        basis = truth.nullspace.P_perp
+        scale = truth.system.space.scale
+        values, vectors = scipy.linalg.eigh(basis.T @ covariance @ basis)
+        root = basis @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+        draws = np.random.default_rng(0).standard_normal((_DRAWS, root.shape[1])) @ root.T
+        found = [self(truth.theta + scale * draw) for draw in draws]
+        columns = {key: [figures[key] for figures in found] for key in found[0]}
+        return {
+            key: None if None in column else float(np.median(np.array(column, dtype=np.float64)))
+            for key, column in columns.items()
         }
 
 
@@ -104,7 +127,7 @@ def judge(run: Run, name: str, truth: Truth | None) -> Accuracy:
         theta_perp_ratio=finite(float(ratio[1])),
         theta_perp_ratio_initial=finite(float(ratio[0])),
         plant_direction_error=finite(direction_error),
-        actuator_ratio_error=finite(actuator_ratio_error(system, theta[-1], truth.theta)),
+        actuator_ratio_error=finite(truth.gain_ratio_error(theta[-1])),
         force_residual_ratio=finite(residual_ratio(system, held_out, theta[-1])),
         velocity_error_rms=error,
     )
@@ -113,16 +136,6 @@ def judge(run: Run, name: str, truth: Truth | None) -> Accuracy:
 def last_tenth(rows: Array) -> Array:
     """The last tenth of rows (N, …), at least one."""
     return rows[-max(1, len(rows) // 10) :]
-
-
-def actuator_ratio_error(system: SecondOrderSystem, theta_hat: Array, truth: Array) -> float:
-    """max |(k̂_i/k_i)/mean(k̂/k) − 1| over the actuator parameters that are not 0.
-
-    It is 0 where there is only one. A broken actuator's gain is 0.
-    """
-    k = system.space.actuators[truth[system.space.actuators] != 0]
-    ratio = theta_hat[k] / truth[k]
-    return float(np.max(np.abs(ratio / np.mean(ratio) - 1))) if len(ratio) > 1 else 0.0
 
 
 def plant_direction_error(system: SecondOrderSystem, theta_hat: Array, truth: Array) -> float:
@@ -139,16 +152,6 @@ def plant_direction_error(system: SecondOrderSystem, theta_hat: Array, truth: Ar
     estimated, true = ((theta / system.space.scale)[plant] @ basis for theta in (theta_hat, truth))
     cosine = estimated @ true / (np.linalg.norm(estimated) * np.linalg.norm(true))
     return float(np.sqrt(max(0.0, 1 - cosine**2)))
-
-
-def converged_at(t: Array, distance: Array) -> float | None:
-    """The first of the times t (N,) from which on the distances (N,) stay within `CONVERGED` [s].
-
-    It is None if the last distance exceeds `CONVERGED` or is NaN.
-    """
-    far = np.flatnonzero(~(distance <= CONVERGED))
-    first = far[-1] + 1 if len(far) else 0
-    return float(t[first]) if first < len(t) else None
 
 
 def held_out_rows(
@@ -185,7 +188,7 @@ def averaged_rows(system: SecondOrderSystem, log: Log) -> tuple[Array, Array]:
     usual = float(np.median(steps))
     size = min(max(1, round(_STRETCH / usual)), len(steps))
     every = range(0, len(log.t) - size, max(1, (len(log.t) - size) // _STRETCHES))
-    starts = [i for i in every if steps[i : i + size].max() <= LONGEST_STEP * usual] or every
+    starts = [i for i in every if steps[i : i + size].max() <= Source.LONGEST_STEP * usual] or every
     times = np.empty(len(starts))
     rows = np.empty((len(starts), system.n, system.p))
     for i, start in enumerate(starts):

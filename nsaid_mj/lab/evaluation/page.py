@@ -11,8 +11,6 @@ from rich.console import Console
 from ...base import OutputFolder
 from ...core import ABSENT, rounded
 from ...report import (
-    CORRELATIONS,
-    REPORT_FILE,
     Comparison,
     Figure,
     Figures,
@@ -21,18 +19,15 @@ from ...report import (
     Items,
     Page,
     PageItem,
+    Parameter,
+    ParameterTables,
     Result,
     Section,
     Table,
     Text,
-    correlations,
-    folds,
-    forests,
-    gains_of,
+    percent,
     print_page,
     robot_picture,
-    share_in_words,
-    statistic,
 )
 from ...report import Panel as Curves
 from ..loop import Run
@@ -80,7 +75,8 @@ def page(
     origin = result.origin
     more = drawn(curves[2:])
     gains, statistics, *rest = made.sections
-    shown = drawn(forests([p for p in result.gains if p.relative is not None]))
+    tables = ParameterTables(result)
+    shown = drawn(Parameter.forests([p for p in result.gains if p.relative is not None]))
     sections = [
         replace(gains, panels=[*([Figures(shown)] if shown else []), *gains.panels]),
         replace(statistics, beside=robot_picture(run.looks, run.record["q"][0], robot)),
@@ -98,7 +94,7 @@ def page(
             else [],
         ),
         *rest,
-        Section("Parameters", [Text(_relative_to(result)), *folds(result, gains=False)]),
+        Section("Parameters", [Text(_relative_to(result)), *tables.folds(gains=False)]),
         Section("Least known directions of θ/scale", _least_known(result)),
         Section("Correlations of what is identified", _correlated(drawn(_correlations(result)))),
         Section(
@@ -131,7 +127,7 @@ def brief(heading: str, result: RunResult) -> Page:
         result=result,
         lead=_lead(result),
         sections=[
-            Section("Actuator gains", [*gains_of(result), *held], brief=True),
+            Section("Actuator gains", [*ParameterTables(result).gains(), *held], brief=True),
             Section("Statistics", [_statistics(result)], brief=True),
             Section("Confidence", _confidence(result), brief=True),
             Section("What cannot be known from motion", unobservable(result), brief=True),
@@ -145,7 +141,7 @@ def print_result(name: str, result: RunResult, folder: Path) -> None:
     seen = f"{file}   (nsaid view {shlex.quote(str(folder))})"
     files = (
         f"recording  {seen if file.is_file() else _NO_RERUN}",
-        f"report     {folder / REPORT_FILE}",
+        f"report     {folder / Page.FILE}",
     )
     print_page(brief(name, result), Console(highlight=False), files)
 
@@ -174,10 +170,7 @@ def _lead(result: RunResult) -> str:
 
 def _statistics(result: Result) -> Table:
     """The table of statistics, one column for each identifier."""
-    lines = [
-        [one.name, *(statistic(value, one.unit) for value in one.values.values())]
-        for one in result.statistics
-    ]
+    lines = [[one.name, *map(one.words, one.values.values())] for one in result.statistics]
     return Table(["statistics", *(result.statistics[0].values if result.statistics else ())], lines)
 
 
@@ -199,7 +192,7 @@ def _least_known(result: RunResult) -> list[PageItem]:
                 f"{weight:+.2f} {labels[name]}".replace("-", "−", 1)
                 for name, weight in direction.parameters.items()
             ),
-            ABSENT if direction.deviation is None else f"±{share_in_words(direction.deviation)}",
+            ABSENT if direction.deviation is None else f"±{percent(direction.deviation, 2)}",
             "below the noise" if direction.below_noise else "",
         ]
         for direction in stated.worst_known
@@ -222,7 +215,7 @@ def _relative_to(result: Result) -> str:
 
 def _correlated(figures: Sequence[Figure]) -> list[PageItem]:
     """The heat map of correlations with its explanation; empty if there is none."""
-    return [Figures(figures), Text(f"{CORRELATIONS} {_HELD}", note=True)] if figures else []
+    return [Figures(figures), Text(f"{HeatMap.MEANING} {_HELD}", note=True)] if figures else []
 
 
 def _checks(result: RunResult) -> list[PageItem]:
@@ -273,4 +266,4 @@ def _correlations(result: RunResult) -> list[HeatMap]:
     r = np.eye(len(stated.lower))
     for i, row in enumerate(stated.lower):
         r[i, :i] = r[:i, i] = np.array(row, dtype=float)
-    return correlations([labels[name] for name in stated.parameters], r)
+    return HeatMap.of_strongest([labels[name] for name in stated.parameters], r)

@@ -16,7 +16,7 @@ from ...core import Log, NullspaceAID, SecondOrderSystem, Status
 from ..loop import Run
 from ..scenario import Scenario
 from ..setup import with_prior_error
-from ..source import LONGEST_STEP
+from ..source import Source
 
 if TYPE_CHECKING:
     from ...core import KalmanFilter, Signals
@@ -97,7 +97,7 @@ def _pieces(run: Run, log: Log) -> Iterator[tuple[Log, slice, Signals]]:
     first = int(np.searchsorted(log.t, log.t[-1] - Misfit.longest(run.system)))
     starts = [0, *(int(np.searchsorted(log.t, event.found)) + 1 for event in known)]
     ends = [*(int(np.searchsorted(log.t, event.time)) for event in known), len(log.t)]
-    gaps = np.flatnonzero(np.diff(log.t) > LONGEST_STEP * run.scenario.dt) + 1
+    gaps = np.flatnonzero(np.diff(log.t) > Source.LONGEST_STEP * run.scenario.dt) + 1
     for i, (begin, end) in enumerate(zip(starts, ends, strict=True)):
         cuts = [max(first, begin), *gaps[(gaps > max(first, begin)) & (gaps < end)].tolist(), end]
         for start, stop in itertools.pairwise(cuts):

@@ -10,9 +10,9 @@ import numpy as np
 
 from ...base import Finding, without_nonfinite
 from ...core import ParameterSpace, phrase
-from ...report import Explains, Parameter, Result, Statistic, Status, share_in_words
+from ...report import Explains, Parameter, Result, Statistic, Status, percent
 from .confidence import INTERVAL
-from .figures import CONVERGED, common_factor
+from .figures import common_factor
 from .statistics import (
     COMPARED,
     OPTIONAL,
@@ -31,6 +31,7 @@ from .statistics import (
     Theory,
     Unobservable,
 )
+from .truth import CONVERGED
 
 if TYPE_CHECKING:
     from ...core import FaultEvent
@@ -144,8 +145,8 @@ class RunResult(Result):
         low = stated.below_noise
         lines = [
             f"{stated.directions} observable directions: standard deviation "
-            f"{share_in_words(stated.deviation_median)} of ‖θ̂‖ (median), "
-            f"{share_in_words(stated.deviation_largest)} (worst: {worst})"
+            f"{percent(stated.deviation_median, 2)} of ‖θ̂‖ (median), "
+            f"{percent(stated.deviation_largest, 2)} (worst: {worst})"
             + (f"; {low} below the noise" if low else "")
         ]
         if (covered := stated.covered) is not None:
@@ -250,10 +251,10 @@ def verdict_of(result: RunResult) -> tuple[Explains, str]:
     else:
         arrived = distance <= CONVERGED
         nearer = first is None or distance < first
-        predicts = "" if residual is None else f", force residual {share_in_words(residual)}"
-        where = f"{share_in_words(distance)} from the true set{predicts}"
+        predicts = "" if residual is None else f", force residual {percent(residual, 2)}"
+        where = f"{percent(distance, 2)} from the true set{predicts}"
     if misfit is not None and misfit.drift:
-        where += f"; gains drift by up to {share_in_words(misfit.drift)} a minute"
+        where += f"; gains drift by up to {percent(misfit.drift, 2)} a minute"
     elif misfit is not None and misfit.level == "some":
         where += (
             "; the structure does not explain everything, so the intervals are "
@@ -278,8 +279,8 @@ def _without_truth(result: RunResult, residual: float | None, floor: float) -> t
     fits = result.misfit is not None and result.misfit.level == "none"
     explained = fits and worst is not None
     small = residual is not None and residual <= max(PREDICTS, _MARGIN * floor)
-    known = "" if worst is None else f"least known direction: deviation {share_in_words(worst)}"
-    predicts = "" if residual is None else f"force residual {share_in_words(residual)}"
+    known = "" if worst is None else f"least known direction: deviation {percent(worst, 2)}"
+    predicts = "" if residual is None else f"force residual {percent(residual, 2)}"
     if explained and residual is not None and not small:
         predicts += " by noise of the measured accelerations"
     where = ", ".join(filter(None, (known, predicts))) or "no measure of convergence available"

@@ -13,7 +13,7 @@ from ...watch import (
     widened,
 )
 from ..scenario import Scenario
-from ..source import LONGEST_STEP
+from ..source import Source
 from .run_misfit import filter_of
 
 _FIRST = 0.5  # duration that is judged first [s], and the next one's ratio to it
@@ -59,7 +59,7 @@ class RunningMisfit:
         if self._filter is None or not len(log.t):
             return
         known = tuple(event for event in state.faults if event.kind != "unknown")
-        gap = self._parts and log.t[0] - self._parts[-1].t[-1] > LONGEST_STEP * self._dt
+        gap = self._parts and log.t[0] - self._parts[-1].t[-1] > Source.LONGEST_STEP * self._dt
         if gap or len(known) > self._faults:
             self._begin(len(known))
         self._start = float(log.t[0]) if not self._parts else self._start

@@ -16,6 +16,9 @@ from ...core import Array, Log, Nullspace, Prior, SecondOrderSystem
 from ..loop import Run, SimulatedRun
 from ..setup import Seeds, Setup
 
+CONVERGED = 0.01
+"""Distance to the true set below which an estimate counts as converged, if it remains there."""
+
 
 class Truth:
     """The true parameters of a simulated plant, and the true set.
@@ -101,6 +104,19 @@ class Truth:
             ratio[rows] = self.nullspace_at(float(t[rows][0])).ratio(theta_s[rows])
         return ratio
 
+    def converged_at(self, t: Array, theta_hat: Array) -> float | None:
+        """The first of the times t (N,) [s] from which on estimates (N, p) stay `CONVERGED`.
+
+        It is None if the last one is not, or is NaN.
+        """
+        far = np.flatnonzero(~(self.distance(t, theta_hat) <= CONVERGED))
+        first = far[-1] + 1 if len(far) else 0
+        return float(t[first]) if first < len(t) else None
+
+    def gain_ratio_error(self, theta_hat: Array) -> float:
+        """The `actuator_ratio_error` of an estimate θ̂ (p,), of the true θ at the end."""
+        return actuator_ratio_error(self.system, theta_hat, self.theta)
+
     @cached_property
     def held_out(self) -> Log | None:
         """A held-out trajectory of the plant in its final condition.
@@ -117,6 +133,16 @@ class Truth:
         """
         touching = bool(self.system.structure.contacts)
         return None if self.mismatches or touching else self.theta
+
+
+def actuator_ratio_error(system: SecondOrderSystem, theta_hat: Array, true: Array) -> float:
+    """max |(k̂_i/k_i)/mean(k̂/k) − 1| over the actuator parameters of a true θ (p,) that are not 0.
+
+    It is 0 where there is only one. A broken actuator's gain is 0.
+    """
+    k = system.space.actuators[true[system.space.actuators] != 0]
+    ratio = theta_hat[k] / true[k]
+    return float(np.max(np.abs(ratio / np.mean(ratio) - 1))) if len(ratio) > 1 else 0.0
 
 
 def nullspace_of(run: Run, truth: Truth | None) -> Nullspace:

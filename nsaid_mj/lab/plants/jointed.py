@@ -18,7 +18,11 @@ from ..fields import Share
 from .world.config import KnownPlant, PlantConfig, PublishedRobot
 
 if TYPE_CHECKING:
-    from ...core import Array, JointTree
+    from collections.abc import Mapping
+
+    import pinocchio as pin
+
+    from ...core import Array, JointScales, JointTree
     from .world.plant import Plant
     from .world.simulated import SimulatedRobot
 
@@ -56,6 +60,18 @@ class JointedPlant(KnownPlant, ABC):
     _base: ClassVar[Literal["held", "free"]] = "held"
     _refuses: ClassVar[tuple[str, ...]] = ("an arm in air", "flow", "fluid")
 
+    def nominal_scales(
+        self, model: pin.Model, stated: Mapping[str, Array] | None = None
+    ) -> JointScales:
+        """An engineer's guess of a model's parameters, and the values of this data sheet.
+
+        `stated` are (k,) `damping`, `friction` and `armature` of the model's file, which count
+        where the data sheet has none.
+        """
+        from .arm import nominal_scales
+
+        return nominal_scales(model, self, stated)
+
     def _published(self) -> PublishedRobot:
         """The robot's description and structure; θ of its file and data sheet.
 
@@ -64,7 +80,7 @@ class JointedPlant(KnownPlant, ABC):
         """
         from ...core import JointTree
         from ...robots import load_robot
-        from .arm import nominal_scales, published_theta
+        from .arm import published_theta
 
         robot = load_robot(self.robot, self._base)
         if robot.model.joints[robot.model.njoints - 1].nv != 1:
@@ -78,7 +94,7 @@ class JointedPlant(KnownPlant, ABC):
         middle = {name: float(np.median(x)) for name, x in own.items() if robot.kind == "mjcf"}
         stated = {n: np.where(own[n] > 0, own[n], x) for n, x in middle.items() if x > 0}
         chosen = self.actuator or ("motor" if servos is None else "servo")
-        nominal = nominal_scales(robot.model, replace(self, actuator=chosen), stated)
+        nominal = replace(self, actuator=chosen).nominal_scales(robot.model, stated)
         if servos is not None and self.gain is None:
             nominal.gain[driven] = servos.kp
             nominal.command[driven] /= servos.kp
@@ -276,7 +292,7 @@ class FlyingArmPlant(KnownPlant):
             UnknownName: assets/flying_arm/vehicle.toml does not list this robot's rotors.
         """
         from ...robots import load_robot
-        from .arm import nominal_scales, published_theta
+        from .arm import published_theta
         from .flying_arm import flying_arm
 
         known = published_numbers("flying_arm")
@@ -286,7 +302,7 @@ class FlyingArmPlant(KnownPlant):
         robot = load_robot(self.robot, "free")
         d = known[self.robot]
         sheet = ArmPlant()
-        scales = nominal_scales(robot.model, sheet)
+        scales = sheet.nominal_scales(robot.model)
         system = flying_arm(robot.model, scales, sheet.friction_speed, d)
         theta = published_theta(robot.model, system)
         count = len(d["spins"])

@@ -27,9 +27,6 @@ from .world.coordinates import JointMap
 if TYPE_CHECKING:
     from ...core import Log, SecondOrderSystem, SensorLevels
 
-BUDGET = 120.0
-"""Default limit of the CPU time of the search [s]."""
-
 _CHUNK = 0.5  # length of a simulated stretch [s]
 _SMOOTHING = 0.16  # width of the cubic fit for the initial states of noisy logs [s]
 _RANGE = (0.1, 10.0)  # search range of the joints' parameters, in multiples of the prior
@@ -38,60 +35,72 @@ _FRICTION = "coulomb friction"  # name of MuJoCo's custom numeric field
 _MODEL_WORDS = 1 << 10  # how many 8-byte words of mjModel are searched; its pointers come early
 
 
-def sysid(
-    system: SecondOrderSystem,
-    logs: Sequence[Log],
-    prior: Array,
-    noise: SensorLevels,
-    budget: float = BUDGET,
-) -> tuple[Array, str]:
-    """`mujoco.sysid` with a parallel finite-difference Jacobian, all parameters free.
+class Toolbox:
+    """`mujoco.sysid`, MuJoCo's own toolbox.
 
-    Chunks of 0.5 s start at the measured state or, if noise is stated, at that of a cubic fitted to
-    the samples within ±80 ms. Residuals are those of positions and velocities, normalised per chunk
-    by the toolbox. Links are parameterised as log-Cholesky pseudo-inertias; other parameters are
-    searched between 0.1 and 10 times the prior.
-
-    Args:
-        system: an arm.
-        logs: of this arm, at one rate.
-        prior: (p,) θ̂(0), which must be physical.
-        noise: standard deviations of the sensors.
-        budget: CPU time of the search, which then returns its best candidate [s].
-
-    Returns:
-        (p,) θ̂, and how the search ended, in words.
+    Attributes:
+        module: the module.
+        BUDGET: default limit of the CPU time of a search [s].
 
     Raises:
-        NoEstimate: the system is not an arm, the toolbox is not installed, MuJoCo rejects the
-            prior, or all logs are shorter than a chunk.
+        NoEstimate: it lacks its own dependencies.
     """
-    if not isinstance(system, JointTree) or system.group or system.n_u < system.n:
-        reason = "mujoco.sysid is set up for fixed-base arms with a motor on every joint only"
-        raise NoEstimate(reason, "Leave it out.")
-    own = toolbox()
-    model = _SysidModel(own, system, prior, logs[0].step)
-    chunks = [c for each in logs for c in model.chunks(each, noise.exact)]
-    if not chunks:
-        raise NoEstimate(f"the log is shorter than a chunk of {_CHUNK:g} s", "Record longer.")
-    search = _TimedSearch(own, model, chunks, time.process_time() + budget)
-    with quiet(), installed(_friction().ctypes):
-        ending = search()
-    evaluations = f"{search.evaluations} models, {len(chunks)} chunks"
-    return model.theta(search.best), f"{ending}, {evaluations}"
+
+    BUDGET = 120.0
+
+    def __init__(self) -> None:
+        import mujoco.sysid
+
+        if not hasattr(mujoco.sysid, "optimize"):  # MuJoCo suppresses the ImportError
+            remedy = "pip install 'mujoco[sysid]'"
+            raise NoEstimate("mujoco.sysid lacks its own dependencies", remedy)
+        self.module: Any = mujoco.sysid
+
+    def fitted(
+        self,
+        system: SecondOrderSystem,
+        logs: Sequence[Log],
+        prior: Array,
+        noise: SensorLevels,
+        budget: float = BUDGET,
+    ) -> tuple[Array, str]:
+        """`mujoco.sysid` with a parallel finite-difference Jacobian, all parameters free.
+
+        Chunks of 0.5 s start at the measured state or, if noise is stated, at that of a cubic
+        fitted to the samples within ±80 ms. Residuals are those of positions and velocities,
+        normalised per chunk by the toolbox. Links are parameterised as log-Cholesky
+        pseudo-inertias; other parameters are searched between 0.1 and 10 times the prior.
+
+        Args:
+            system: an arm.
+            logs: of this arm, at one rate.
+            prior: (p,) θ̂(0), which must be physical.
+            noise: standard deviations of the sensors.
+            budget: CPU time of the search, which then returns its best candidate [s].
+
+        Returns:
+            (p,) θ̂, and how the search ended, in words.
+
+        Raises:
+            NoEstimate: the system is not an arm, MuJoCo rejects the prior, or all logs are shorter
+                than a chunk.
+        """
+        if not isinstance(system, JointTree) or system.group or system.n_u < system.n:
+            reason = "mujoco.sysid is set up for fixed-base arms with a motor on every joint only"
+            raise NoEstimate(reason, "Leave it out.")
+        model = _SysidModel(self.module, system, prior, logs[0].step)
+        chunks = [c for each in logs for c in model.chunks(each, noise.exact)]
+        if not chunks:
+            raise NoEstimate(f"the log is shorter than a chunk of {_CHUNK:g} s", "Record longer.")
+        search = _TimedSearch(self.module, model, chunks, time.process_time() + budget)
+        with quiet(), installed(_friction().ctypes):
+            ending = search()
+        evaluations = f"{search.evaluations} models, {len(chunks)} chunks"
+        return model.theta(search.best), f"{ending}, {evaluations}"
 
 
 class _OutOfTime(Exception):
     """Ends a search at its time limit; not an error."""
-
-
-def toolbox() -> Any:
-    """The module `mujoco.sysid`; raises `NoEstimate` without its dependencies."""
-    import mujoco.sysid
-
-    if not hasattr(mujoco.sysid, "optimize"):  # MuJoCo suppresses the ImportError
-        raise NoEstimate("mujoco.sysid lacks its own dependencies", "pip install 'mujoco[sysid]'")
-    return mujoco.sysid
 
 
 class _TimedSearch:

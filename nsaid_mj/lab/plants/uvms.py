@@ -17,7 +17,7 @@ from ...core import (
     JointTree,
     Term,
 )
-from ...robots import published_numbers, vehicle_files
+from ...robots import VehicleFiles, published_numbers
 from .arm import extent
 from .world.blueprint import sheet_of
 from .world.body import BodyInertia as RigidBody
@@ -174,7 +174,7 @@ def _joint_guesses(model: pin.Model, arm: dict[str, Any]) -> JointScales:
 def add_visual_geoms(spec: Any, arm: dict[str, Any]) -> None:
     """Adds visual geoms without mass: the BlueROV2's to the base, cylinders to the links."""
     unit = RigidBody(1.0, np.zeros(3), np.eye(3))
-    hull = vehicle_spec(vehicle_files("bluerov2"), 1.0, unit).compile()
+    hull = vehicle_spec(VehicleFiles.of("bluerov2"), 1.0, unit).compile()
     for i in range(hull.ngeom):
         shown = ("type", "size", "pos", "quat", "rgba")
         own = {key: getattr(hull, f"geom_{key}")[i] for key in shown}

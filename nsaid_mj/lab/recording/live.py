@@ -4,24 +4,19 @@ import socket
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import rerun as rr
 
 from ...base import InvalidInput
 from ...core import Log, Measurement, SecondOrderSystem, State
-from ...report import (
-    EXCITATION_LEVELS,
-    Lines,
-    Plots,
-    Scene,
-    application,
-    groups,
-    live_blueprint,
-)
+from ...report import Panel, Plots, Scene, live_recording
+from ..evaluation.labels import EXCITATION_LEVELS, groups
 from ..observer import Observer, RobotDescription
 from ..scenario import Scenario
 from .forces import ESTIMATED, Arrows, drawing_words, mounts_of
+from .layout import pages_of_live_run
 from .viewer import (
     GRPC_PORT,
     LOCAL,
@@ -124,14 +119,13 @@ class LiveRecording(Observer):
             self._arrows = Arrows(system, camera.size, rows, self._space.scale)
         magnified = self._arrows.magnified if self._arrows else None
         drawn = drawing_words("Estimated (orange): forces" if self._arrows else "", magnified)
-        layout = live_blueprint(self._space, camera, drawn)
+        pages = pages_of_live_run(self._space, camera, drawn)
         address = self._open() if has_display() else self._serve()
-        rec = rr.RecordingStream(application(f"{self._name} live"))
-        rec.connect_grpc(address, default_blueprint=layout)
+        rec = live_recording(address, f"{self._name} live", pages)
         self._scene.log_shapes(rec, camera, ghost=self._arrows is not None)
         if self._arrows:
             self._arrows.log_style(rec, ESTIMATED)
-        for lines in _streamed(system):
+        for lines in Plots.of(_streamed(system), None).curves:
             lines.log_style(rec)
         self._rec = rec
 
@@ -232,16 +226,20 @@ def _target(port: int) -> str:
     return f"rerun+http://{LOCAL}:{port}/proxy"
 
 
-def _streamed(system: SecondOrderSystem) -> list[Lines]:
-    """The streamed curves, without values."""
-    entities = {"velocity_error": [f"Δ{name}" for name in system.velocity_names]}
-    entities |= {Plots.entity(*g.key, "estimated"): g.names for g in groups(system.space)}
+def _streamed(system: SecondOrderSystem) -> list[Panel]:
+    """What is streamed, without values: panels as `curves` makes them of a finished run."""
     none = np.zeros(0)
-    found = [
-        Lines(entity, names, none, none, range(len(names))) for entity, names in entities.items()
-    ]
-    for place, (entity, name) in enumerate(
-        zip(("excitation/all", "excitation/perpendicular"), EXCITATION_LEVELS, strict=True)
-    ):
-        found.append(Lines(entity, [name], none, none, [place], steps=True))
-    return found
+    error = Panel("", "", key=("velocity_error",))
+    names = [f"Δ{name}" for name in system.velocity_names]
+    error.add_columns(none, np.zeros((0, len(names))), names)
+    panels = [error]
+    for group in groups(system.space):
+        panel = Panel("", "", key=group.key)
+        width = len(group.names)
+        panel.add_columns(none, np.zeros((0, width)), group.names, ("estimated",))
+        panels.append(panel)
+    excitation = Panel("", "", key=("excitation",))
+    for part, name in zip(("all", "perpendicular"), EXCITATION_LEVELS, strict=True):
+        excitation.add(none, none, name, part=(part,))
+    excitation.curves = [replace(curve, steps=True) for curve in excitation.curves]
+    return [*panels, excitation]

@@ -11,9 +11,7 @@ from ...core import Array, FaultEvent, Indices, Log, ParameterSpace, SecondOrder
 from ...report import (
     Plots,
     Scene,
-    blueprint,
     drawable,
-    item_lines,
     spread,
 )
 from ...report import write_recording as write_file
@@ -28,6 +26,7 @@ from ..record import Record
 from .contacts import ContactArrows
 from .forces import FAILED, Arrows, drawing_words, mounts_of
 from .inertia import ESTIMATED_INERTIA, REFERENCE, Inertias
+from .layout import pages_of_run
 from .torques import Arcs
 from .torques import drawn as torques_drawn
 
@@ -49,17 +48,17 @@ def write_run_recording(
     name = run.folder.resolve().name
     documents = {
         "result": brief(name, result).markdown(),
-        "statements": "\n".join(item_lines(checks.items() if checks else [])) or _SHORT,
-        "unknown": "\n".join(item_lines(unobservable(result))),
+        "statements": (checks.items() if checks else ()) or _SHORT,
+        "unknown": unobservable(result),
     }
     space = run.system.space
     plots = Plots.of(result.curves, float(run.record["t"][-1]))
     kind = "" if truth is None else _kind(space, shared(space, result.dimensions.r, truth.theta))
-    layout = blueprint(
+    pages = pages_of_run(
         space, robot.camera, plots, survey=robot.survey, drawn=robot.words, shared=kind
     )
     return write_file(
-        run.folder / OutputFolder.RECORDING, name, layout, documents, plots.curves, robot.log
+        run.folder / OutputFolder.RECORDING, name, pages, documents, plots.curves, robot.log
     )
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from ...base import CHOICES, InputFile, InvalidInput, path_of, print_json
-from ...lab import folder_for_results
+from ...lab import ResultsFolder
 from ...report import ExitCode
 from ...robots import check_model
 from .limits_file import read_limits_file
@@ -49,7 +49,7 @@ def design_experiment(chosen: ToDesign) -> int:
     scenario = _scenario(chosen)
     path = Path(chosen.model or chosen.scenario)
     name = path.absolute().parent.name if path.name == "vehicle.toml" else path.stem
-    own = folder_for_results(f"{name}-excite", chosen.out, chosen.force, FILES, "a design")
+    own = ResultsFolder(chosen.out, chosen.force).of_results(f"{name}-excite", FILES, "a design")
     with own as folder:
         return _designed_in(folder, name, scenario, chosen)
 

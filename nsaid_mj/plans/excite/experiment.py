@@ -32,7 +32,7 @@ from ...lab import (
     Sensors,
     load,
 )
-from ...robots import load_robot, scenarios, vehicle_files
+from ...robots import VehicleFiles, load_robot, scenarios
 from .limits import Limit, Limits, source_of
 
 DRAWS = 4
@@ -150,7 +150,7 @@ def scenario_of_model(model: str) -> Scenario:
 
 def _vehicle(path: Path) -> Scenario:
     """The scenario of a vehicle's family, with the vehicle; `UnknownName` if there is none."""
-    sheet = vehicle_files(str(path)).sheet
+    sheet = VehicleFiles.of(str(path)).sheet
     plant = plant_of(sheet.resolve())
     for name in scenarios():
         known = load(name)

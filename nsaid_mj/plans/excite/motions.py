@@ -27,7 +27,6 @@ from ...lab import (
     DesignedTracking,
     DriverConfig,
     FourierTracking,
-    Given,
     Series,
 )
 from .errors import NoMotion
@@ -204,12 +203,10 @@ class DrivenMotions:
         self.experiment = experiment
         self.limits = limits
         self.base = base
-        given = Given(np.empty(0))
-        base.build(experiment.system, experiment.prior, given)
-        if not given.used:
+        self.size = DesignedSignals.draws_of(base, experiment.system, experiment.prior)
+        if not self.size:
             expected = "a driver with random frequencies or phases"
             raise InvalidInput("design", expected, type(base).__name__, "")
-        self.size = given.used
         self.stride = max(1, round(_DRIVEN_STEP / experiment.scenario.dt))
 
     def random(self, rng: np.random.Generator) -> Array:

@@ -10,9 +10,6 @@ from ...report import (
     Panel,
     Plots,
     Scene,
-    robot_view,
-    views_beside,
-    whole_blueprint,
     write_recording,
 )
 from .designing import Design
@@ -38,8 +35,8 @@ def record_design(page: Page, found: Design, file: Path) -> Path:
 
     def tab(name: str, plots: Plots, views: list[rrb.View]) -> rrb.Container:
         # every tab has a view of its own: the viewer drops one that is in two
-        left = [robot_view(camera, "Robot's motion, under a draw of θ")] if camera else []
-        return views_beside(left, plots.grid(views, 1 if len(views) < 4 else 2), name, [1])
+        left = [camera.view("Robot's motion, under a draw of θ")] if camera else []
+        return Plots.beside(left, plots.grid(views, 1 if len(views) < 4 else 2), name, [1])
 
     curves = page.result.curves
     own = [p for p in curves if isinstance(p, Panel) and not p.page]
@@ -66,4 +63,4 @@ def record_design(page: Page, found: Design, file: Path) -> Path:
             scene.log_shapes(rec, camera)
             scene.log_poses(rec, t, q)
 
-    return write_recording(file, page.heading, whole_blueprint(*pages), {}, moved.curves, draw)
+    return write_recording(file, page.heading, pages, {}, moved.curves, draw)

@@ -16,13 +16,11 @@ import numpy as np
 from ...base import CHOICES, InvalidInput, NoEstimate, NsaidError, OutputFile, single_threaded
 from ...core import ConventionalAID, IdentifierConfig, Log, NullspaceAID, SensorLevels
 from ...lab import (
-    BUDGET,
     Judge,
     Scenario,
     Setup,
+    Toolbox,
     Truth,
-    bound_figures,
-    sysid,
 )
 from ...report import Page, Result
 from ..baselines import BATCH, Method, MethodEstimate, Problem, follow
@@ -44,7 +42,7 @@ def comparison_plan(
     seeds: tuple[int, ...] = (0, 1, 2),
     durations: tuple[float, ...] = (10.0, 20.0),
     noises: tuple[float, ...] = (0.0,),
-    budget: float = BUDGET,
+    budget: float | None = None,
     bound: bool = False,
     arguments: tuple[str, ...] = (),
 ) -> Study:
@@ -57,7 +55,7 @@ def comparison_plan(
         seeds: seeds of truth, prior, excitation and sensors.
         durations: lengths of log for the methods [s].
         noises: multiples of the scenario's noise; 0 for exact sensors.
-        budget: CPU time of the search by `sysid` [s].
+        budget: CPU time of the search by `sysid` [s]; None for `Toolbox.BUDGET`.
         bound: whether the Cramér–Rao bound of every noisy log is computed.
         arguments: flags of `nsaid run` that turn the script's scenario into this one.
 
@@ -75,6 +73,7 @@ def comparison_plan(
         kind = type(scenario.identifier).__name__
         remedy = "Compare a scenario with that identifier; the methods include the others."
         raise InvalidInput("scenario", "the identifier NullspaceAID", kind, remedy)
+    budget = Toolbox.BUDGET if budget is None else budget
     _check_logs(scenario.dt, seeds, durations, noises, budget, bound)
     compared = (PRIOR, *((BOUND,) if bound else ()), *methods)
     vary = {"noise": noises, "duration": durations, "method": compared}
@@ -100,7 +99,7 @@ def _check_logs(
     if not all(np.isfinite(s) and s >= 0 for s in noises):
         raise InvalidInput("noises", "multiples ≥ 0", noises, "1 is the scenario's.")
     if not budget > 0:
-        raise InvalidInput("budget", "seconds > 0", budget, f"The default is {BUDGET:g}.")
+        raise InvalidInput("budget", "seconds > 0", budget, f"The default is {Toolbox.BUDGET:g}.")
     shortest = 3 * dt
     if not all(np.isfinite(d) and d >= shortest for d in durations):
         remedy = "Give longer durations."
@@ -191,10 +190,8 @@ class ComparedPlant:
 
     def _bound(self, duration: float, log: Log) -> Row:
         """The figures of estimates that attain the Cramér–Rao bound."""
-        truth = Truth(self._setup, duration)
-        judge = self._judge(duration)
         try:
-            figures = bound_figures(truth, judge, log, self._setup.scenario.noise.levels)
+            figures = self._judge(duration).bound(log, self._setup.scenario.noise.levels)
         except NsaidError as error:
             return row_of(BOUND, *self._key, duration, failure=str(error))
         return row_of(BOUND, *self._key, duration) | figures
@@ -241,7 +238,7 @@ def _scenario(study: Study, seed: int, noise: float) -> Scenario:
 def _by_toolbox(problem: Problem, budget: float) -> MethodEstimate:
     """The estimate of `mujoco.sysid` within a budget of CPU time [s]."""
     system, log, prior, noise = problem
-    return MethodEstimate(*sysid(system, [log], prior, noise, budget))
+    return MethodEstimate(*Toolbox().fitted(system, [log], prior, noise, budget))
 
 
 def _attempt(method: Method, problem: Problem) -> tuple[MethodEstimate | None, str]:
@@ -269,16 +266,13 @@ def write(folder: Path, study: Study, rows: Sequence[Row]) -> None:
 
 @single_threaded
 def run_comparison(study: Study, folder: Path, quiet: bool = False) -> tuple[Result, list[Row]]:
-    """Runs a comparison, writes its files and plots, and prints its page; see `carried_out`."""
+    """Runs a comparison, writes its files, and prints its page; see `carried_out`."""
     columns = sum(len(compared_at(study, noise)) for noise in study.vary["noise"])
     total = columns * len(study.seeds) * len(study.vary["duration"])
 
     def draw(rows: list[Row]) -> tuple[Page, list[Path]]:
-        runs = runs_of(folder, study.manifest, rows)
-        drawn = compare_report.lines(runs)
-        plots = compare_report.write_pictures(folder, drawn)
-        page = compare_report.page_of(runs, drawn)
-        return page, [*(folder / name for name in COMPARE_FILES), *plots]
+        page = compare_report.page_of(runs_of(folder, study.manifest, rows))
+        return page, [folder / name for name in COMPARE_FILES]
 
     made = partial(compare, study)
     write_all = partial(write, folder, study)

@@ -1,10 +1,9 @@
-"""The results of a comparison: statistics over the seeds, the best method, a page and plots."""
+"""The results of a comparison: statistics over the seeds, the best method, and a page."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,20 +13,18 @@ from ...base import CHOICES, Finding
 from ...report import (
     BAD,
     COLOURS,
-    CURVE,
     INK,
     LAWS,
+    Axes,
     Figure,
     Page,
     Result,
     Section,
+    Side,
     Statistic,
     Table,
     Text,
     count,
-    logarithmic,
-    page_figure,
-    png_of,
 )
 from ...report import Cell as Written
 from .runs import RunGroup, Runs, digits
@@ -140,7 +137,7 @@ _HEADS = ("distance", "gain ratios", "force residual", "time [s]")
 _MEANING = "Distance to the true set, error of gain ratios, force residual on a held-out motion."
 _WORST = "Medians over the seeds, worst in brackets; – stands for a failed seed."
 _MULTIPLES = "Multiples (×) are of the Cramér–Rao bound of the same logs."
-_BARS = "Markers are medians over the seeds, bars reach from the best to the worst seed."
+_BARS = "Marks are medians over the seeds, bars reach from the best to the worst seed."
 
 
 def result_of(runs: Runs) -> Result:
@@ -199,8 +196,8 @@ def log_key(group: RunGroup) -> tuple[float, float]:
     return group.values["noise"], group.values["duration"]
 
 
-def page_of(runs: Runs, drawn: Mapping[str, Mapping[str, Panels]]) -> Page:
-    """The page of a comparison, with its plots from `lines`."""
+def page_of(runs: Runs) -> Page:
+    """The page of a comparison."""
     groups = groups_of(runs)
     bounds = {log_key(group): group for group in groups if method_of(group) == BOUND}
     lines: list[list[Written]] = []
@@ -224,7 +221,7 @@ def page_of(runs: Runs, drawn: Mapping[str, Mapping[str, Panels]]) -> Page:
         result_of(runs),
         Section("All methods", [table, Text(" ".join(notes))], brief=True),
         f"{count(methods, 'method')}, {count(seeds, 'seed')}.",
-        drawn=figures(drawn),
+        drawn=figures(runs),
         carrying=2,
         legend=_BARS,
         eyebrow=f"methods on the same logs of {runs.manifest['script']}",
@@ -266,155 +263,102 @@ def over_bound(group: RunGroup, bound: RunGroup | None, key: str) -> float | Non
 
 _SHOWN = FIGURES[:3]
 _MARKS = {
-    "paper": "o",
-    "cone": "s",
-    "memory": "D",
-    "efficient": "h",
+    "paper": "●",
+    "cone": "■",
+    "memory": "◆",
+    "efficient": "⬢",
     BOUND: "_",
-    "conventional": "o",
-    "ols": "^",
-    "wls": "v",
-    "tls": "<",
-    "rls": ">",
-    "ekf": "P",
-    "sysid": "*",
+    "conventional": "●",
+    "ols": "▲",
+    "wls": "▼",
+    "tls": "◀",
+    "rls": "▶",
+    "ekf": "✚",
+    "sysid": "★",
     PRIOR: "x",
 }
 _REST = {"sysid": BAD, PRIOR: COLOURS[8]}  # colours of methods that are not laws
-_TITLES = {"wall_time": "wall time", "data_length": "length of the log", "noise": "sensor noise"}
-
-Panels = dict[str, Callable[[Any], None]]
-"""Functions that draw panels into matplotlib axes, by the label of the figure that they show."""
 
 
-def lines(runs: Runs) -> dict[str, dict[str, Panels]]:
-    """The panels with enough runs, by the stem of a picture's file and by the logs of a line.
+def figures(runs: Runs) -> list[Figure]:
+    """The drawings with enough runs, of the noisiest logs and of distances first.
 
-    Markers are medians over the seeds, error bars reach from the best to the worst seed. Medians
-    that are not finite are left out.
+    Marks are medians over the seeds, bars reach from the best to the worst seed. Medians that are
+    not finite are left out.
     """
     groups = groups_of(runs)
     if not groups:
-        return {}
+        return []
     noises = runs.manifest["vary"]["noise"]
     durations = runs.manifest["vary"]["duration"]
-    # the error of gain ratios of a single actuator is 0
-    shown = [(label, key) for label, key in _SHOWN if any(g.median(key) for g in groups)]
-
-    def line(
-        chosen: list[RunGroup],
-        abscissa: Callable[[RunGroup], float],
-        name: str,
-        ticks: Mapping[float, str] | None = None,
-    ) -> Panels:
-        return {
-            label: partial(_curves, chosen, key, abscissa, name, ticks or {})
-            for label, key in shown
-        }
-
     last = [g for g in groups if g.values["duration"] == durations[-1]]
     logs = f"{durations[-1]:g} s of data"
-    able = [g for g in last if is_rival(g)]
-    drawn = {
-        "wall_time": {
-            f"{sensors(x)}, {logs}": line(
-                [g for g in able if g.values["noise"] == x],
-                lambda group: group.median("wall_s"),
-                "wall time [s]",
-            )
-            for x in noises
-        }
-    }
-    if len(durations) > 1:
-        ticks = {d: f"{d:g}" for d in durations}
-        drawn["data_length"] = {
-            sensors(x): line(
-                [g for g in groups if g.values["noise"] == x],
-                lambda group: group.values["duration"],
-                "length of the log [s]",
-                ticks,
-            )
-            for x in noises
-        }
-    if len(noises) > 1:
-        ticks = {float(k): f"{x:g} ×" if x else "exact" for k, x in enumerate(noises)}
-        name = "sensor noise, multiple of the scenario's"
-        of_noise = line(last, lambda group: noises.index(group.values["noise"]), name, ticks)
-        drawn["noise"] = {logs: of_noise}
-    return drawn
+    found = []
+    for label, key in _SHOWN:
+        # all 0 is the error of a single actuator's gain ratio
+        if not any(0 < group.median(key) < np.inf for group in groups):
+            continue
+        for x in reversed(noises):
+            able = [g for g in last if is_rival(g) and g.values["noise"] == x]
+            where = [group.median("wall_s") for group in able]
+            side = Side.over([np.array(where)], "wall time [s]", log=True)
+            title = f"{label.capitalize()} over wall time: {sensors(x)}, {logs}"
+            found.append(_figure(title, label, key, able, where, side))
+        for x in reversed(noises) if len(durations) > 1 else ():
+            some = [g for g in groups if g.values["noise"] == x]
+            side = Side.over([np.array(durations)], "length of the log [s]", log=True)
+            side.ticks = [(d, f"{d:g}") for d in durations]
+            title = f"{label.capitalize()} over length of the log: {sensors(x)}"
+            where = [group.values["duration"] for group in some]
+            found.append(_figure(title, label, key, some, where, side))
+        if len(noises) > 1:
+            names = [f"{x:g} ×" if x else "exact" for x in noises]
+            name = "sensor noise, multiple of the scenario's"
+            side = Side((-0.1, len(noises) - 0.9), name, names=names)
+            where = [noises.index(group.values["noise"]) for group in last]
+            title = f"{label.capitalize()} over sensor noise: {logs}"
+            found.append(_figure(title, label, key, last, where, side))
+    return found
 
 
-def write_pictures(folder: Path, drawn: Mapping[str, Mapping[str, Panels]]) -> list[Path]:
-    """Writes the plots as PNG, and returns their paths."""
-    return [
-        png_of(list(of.values()), (12.5, 1.0 + 3.3 * len(of)), folder / f"{stem}.png", list(of))
-        for stem, of in sorted(drawn.items())
-    ]
-
-
-def figures(drawn: Mapping[str, Mapping[str, Panels]]) -> list[Figure]:
-    """The plots of the page, the noisiest logs and distances first."""
-
-    def labelled(label: str, draw: Callable[[Any], None], axis: Any) -> None:
-        draw(axis)
-        axis.set_ylabel(f"{label} [–]")
-
-    return [
-        page_figure(
-            f"{label.capitalize()} over {_TITLES[stem]}: {logs}",
-            partial(labelled, label, panels[label]),
-        )
-        for label, _ in _SHOWN
-        for stem, of in drawn.items()
-        for logs, panels in reversed(list(of.items()))
-        if label in panels
-    ]
-
-
-def _curves(
-    chosen: list[RunGroup],
+def _figure(
+    title: str,
+    label: str,
     key: str,
-    abscissa: Callable[[RunGroup], float],
-    name: str,
-    ticks: Mapping[float, str],
-    axis: Any,
-) -> None:
-    """Draws every method's medians over an abscissa, with error bars from best to worst seed.
+    groups: Sequence[RunGroup],
+    where: Sequence[float],
+    side: Side,
+) -> Figure:
+    """Every method's medians of a figure at places of an axis, with bars from best to worst seed.
 
-    Without ticks the abscissa is logarithmic.
+    Args:
+        title: above the drawing.
+        label: what the figure is.
+        key: of the figure in the rows.
+        groups: the runs.
+        where: of each group its place on the horizontal axis.
+        side: that axis.
     """
-    for method in dict.fromkeys(method_of(group) for group in chosen):
-        own = [group for group in chosen if method_of(group) == method]
-        own = [group for group in own if 0 < group.median(key) < np.inf]
-        if not own:
+    middle = np.array([group.median(key) for group in groups])
+    shown = (middle > 0) & (middle < np.inf)
+    least = np.array([group.best(key) for group in groups])
+    most = np.array([group.worst(key) for group in groups])
+    most = np.where(np.isfinite(most), most, middle)
+    up = Side.over([middle[shown], least[shown], most[shown]], f"{label} [–]", log=True)
+    axes = Axes.alone(side, up)
+    legend = []
+    for method in dict.fromkeys(method_of(group) for group in groups):
+        own = np.array([method_of(group) == method for group in groups]) & shown
+        if not own.any():
             continue
         colour = COLOURS[LAWS[method]] if method in LAWS else _REST.get(method, INK)
         dash = "--" if method in _REFERENCES else "-"
-        middle = np.array([group.median(key) for group in own])
-        least = np.array([group.best(key) for group in own])
-        most = np.array([group.worst(key) for group in own])
-        reach = np.vstack([middle - least, np.where(np.isfinite(most), most, middle) - middle])
-        ours = method in CHOICES["law of a run"]
-        axis.errorbar(
-            list(map(abscissa, own)),
-            middle,
-            reach,
-            color=colour,
-            ls=dash,
-            marker=_MARKS.get(method, "."),
-            ms=7 if ours else 5,
-            lw=2.2 if ours else 1.1,
-            elinewidth=0.8,
-            capsize=2,
-            label=method,
-            gid=CURVE + method,
-        )
-    axis.set_xlabel(name)
-    if not ticks:
-        logarithmic(axis, "x")
-    else:
-        if min(ticks) > 0:  # lengths of logs
-            axis.set_xscale("log")
-            axis.minorticks_off()
-        axis.set_xticks(list(ticks), list(ticks.values()))
-    logarithmic(axis)
+        mark = _MARKS.get(method, "·")
+        width = 2.2 if method in CHOICES["law of a run"] else 1.1
+        x = np.array(where, float)[own]
+        for at, low, high in zip(x, least[own], most[own], strict=True):
+            axes.line([at, at], [low, high], colour, width=0.8, curve=method)
+        axes.line(x, middle[own], colour, width=width, dash=dash, curve=method)
+        axes.marks(x, middle[own], colour, method, mark)
+        legend.append((method, colour, dash + mark if len(x) > 1 else mark))
+    return axes.figure(title, legend)

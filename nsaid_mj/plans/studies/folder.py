@@ -21,7 +21,6 @@ from .sweep_files import MANIFEST, ROWS, TABLE, no_sweep
 
 _ROW = 64 << 10  # most bytes of a row, which has some 2000
 _AGAIN = 1000  # lines of rows that were made again, at most
-PICTURE = "distributions.png"
 _KINDS = {"vary": dict, "script": str, "arguments": list, "runs": int}  # of a manifest
 NEEDED = ("theta_perp_ratio", "time_to_converge")
 """Figures without which the row of a run with a result is damaged."""
@@ -155,7 +154,7 @@ def opened(
     rows = folder / ROWS
     remedy = "Make room on the disk; the same command then resumes"
     _sign_rows(folder)
-    with in_folder(folder, (ROWS, TABLE, "report.html", PICTURE), quiet, done) as bar:
+    with in_folder(folder, (ROWS, TABLE, "report.html"), quiet, done) as bar:
         known = _resumed(folder, manifest, partial(bar.console.print, highlight=False))
         with NotWritten.on_failure(rows):
             flags = os.O_WRONLY | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)

@@ -33,8 +33,6 @@ from ...lab import (
     Scenario,
     Setup,
     Truth,
-    actuator_ratio_error,
-    converged_at,
 )
 from .study import MOST_JOBS, DrawnSeeds, Row, Study, check_count, processors, seed_of
 
@@ -224,11 +222,9 @@ def _row(draw: int, scenario: Scenario, course: DrawnMotion, run: Draw, cost: fl
         status = following.state.status
         t = following.ended
     theta = following.state.theta_hat
-    system = course.setup.system
-    truth = course.truth.theta
     converged = None
     if status is Status.completed:
-        converged = converged_at(np.array(run.t), course.ratio(np.array(run.theta_hat)))
+        converged = course.truth.converged_at(np.array(run.t), np.array(run.theta_hat))
     return {
         "run": draw,
         "draw": draw,
@@ -238,7 +234,7 @@ def _row(draw: int, scenario: Scenario, course: DrawnMotion, run: Draw, cost: fl
         "status_time": t,
         "theta_perp_ratio_initial": float(course.ratio(run.theta_hat[0])),
         "theta_perp_ratio": float(course.ratio(theta)),
-        "actuator_ratio_error": actuator_ratio_error(system, theta, truth),
+        "actuator_ratio_error": course.truth.gain_ratio_error(theta),
         "conserved_drift": following.drift if following.identifier.conserves else None,
         "time_to_converge": converged,
         "identifier_us_per_step": cost,

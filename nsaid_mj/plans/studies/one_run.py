@@ -15,7 +15,6 @@ from ...lab import (
     Scenario,
     SimulatedRun,
     Truth,
-    converged_at,
     evaluate,
     load,
 )
@@ -96,12 +95,12 @@ def _scalars(summary: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 def time_to_converge(run: SimulatedRun, truth: Truth) -> float | None:
     """The time from which the distance to the true set stays small [s].
 
-    See `evaluation.converged_at`. None if it does not stay small, or if the run ended early.
+    See `Truth.converged_at`. None if it does not stay small, or if the run ended early.
     """
     if run.ending.status is not Status.completed:
         return None
     t = run.record["t"]
-    return converged_at(t, truth.distance(t, run.record["theta_hat"]))
+    return truth.converged_at(t, run.record["theta_hat"])
 
 
 # -- the process it runs in ------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ...base import Finding, InvalidInput
-from ...lab import Scenario, with_fields
+from ...lab import Scenario
 from ...report import Result, Statistic, Table, count
 from .engine import Engine
 from .folder import TABLE, opened, read
@@ -72,14 +72,14 @@ def sweep_plan(
     }
     study = Study(script, scenario, vary, DrawnSeeds(scenario.seed, seeds), settings, arguments)
     for combination in study.combinations:
-        with_fields(scenario, combination)  # raises where a value is not valid
+        scenario.with_fields(combination)  # raises where a value is not valid
     return study
 
 
 def scenario_of(study: Study, number: int) -> Scenario:
     """The scenario of a run, with its own seed."""
     draw, combination = divmod(number, len(study.combinations))
-    own = with_fields(study.scenario, study.combinations[combination])
+    own = study.scenario.with_fields(study.combinations[combination])
     return replace(own, seed=study.seeds[draw])
 
 

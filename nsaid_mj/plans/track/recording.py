@@ -13,11 +13,7 @@ from ...report import (
     Panel,
     Plots,
     Scene,
-    result_view,
-    robot_view,
     spread,
-    views_beside,
-    whole_blueprint,
     write_recording,
 )
 from .evaluation import ControlledMotion
@@ -60,15 +56,15 @@ def record(
         )
         for panel in errors
     ]
-    left: list[rrb.View | rrb.Container] = [result_view()]
+    left: list[rrb.View | rrb.Container] = [rrb.TextDocumentView(origin="/result", name="Result")]
     if camera:
-        left.insert(0, robot_view(camera, f"Robot under {law}; its reference (cyan)"))
+        left.insert(0, camera.view(f"Robot under {law}; its reference (cyan)"))
     commands = [panel for panel in curves if isinstance(panel, Panel) and not panel.page]
     efforts = [plots(Plots.entity(*panel.key), panel.title) for panel in commands]
-    layout = whole_blueprint(
-        views_beside(left, plots.column(story), "Tracking", [3, 2]),
+    pages = [
+        Plots.beside(left, plots.column(story), "Tracking", [3, 2]),
         plots.grid(efforts, min(2, len(efforts)), "Commands"),
-    )
+    ]
 
     def draw(rec: rr.RecordingStream) -> None:
         if camera is not None:
@@ -77,7 +73,7 @@ def record(
             _log_reference(rec, system, t[frames], desired[frames], camera.size)
 
     return write_recording(
-        file, file.parent.name, layout, {"result": page.markdown()}, plots.curves, draw
+        file, file.parent.name, pages, {"result": page.markdown()}, plots.curves, draw
     )
 
 

@@ -1,4 +1,4 @@
-"""Carries out a tracking study: progress, files, page, picture and recording."""
+"""Carries out a tracking study: progress, files, page and recording."""
 
 import shlex
 from collections.abc import Callable, Iterator
@@ -15,9 +15,7 @@ from ...report import (
     Section,
     Text,
     count,
-    curves,
     figures_of,
-    png_of,
     robot_picture,
 )
 from ..studies.study import Study, carried_out, repeated
@@ -31,7 +29,6 @@ from .tracking import (
     write,
 )
 
-PICTURE = "tracking.png"
 RECORDING = "tracking.rrd"
 
 
@@ -55,14 +52,11 @@ def run_tracking(
 
 
 def drawn(folder: Path, study: Study, done: list[TrackedCourse]) -> tuple[Page, list[Path]]:
-    """The page; writes tracking.png and, with Rerun, tracking.rrd, and returns all files."""
+    """The page; with Rerun, writes tracking.rrd, and returns all files."""
     page = page_of(folder, study, done)
     files = [folder / name for name in TRACKING_FILES]
     if not done:
         return page, files
-    panels = [p for p in page.result.curves if isinstance(p, Panel) and p.page]
-    lines = [{panel.title: partial(curves, panel) for panel in panels}]
-    files.append(png_of(lines, (1.0 + 6.0 * len(panels), 3.4), folder / PICTURE))
     if installed("rerun"):
         from .recording import record
 

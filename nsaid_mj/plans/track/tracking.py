@@ -30,7 +30,6 @@ from ...report import (
     Statistic,
     Table,
     count,
-    local_rms,
     spread,
 )
 from ..studies.study import Study, write_csv
@@ -328,7 +327,7 @@ def _errors(shown: list[TrackedCourse], unit: str) -> Panel:
     panel = Panel(title, label, True, events=events, key=key)
     for c in shown:
         error = c.motion.error_of(c.setup.system, unit)
-        panel.add(*local_rms(c.motion.t, error), c.law, place=COLOUR_OF[c.law], part=(c.law,))
+        panel.add_rms(c.motion.t, error, c.law, COLOUR_OF[c.law], part=(c.law,))
     return panel
 
 

@@ -10,7 +10,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ..panels import AnyPanel
-from .lines import LOGARITHM, Lines, lines_of, path
+from .lines import LOGARITHM, PALETTE, Lines, lines_of, path
 from .text import drawable
 
 _WINDOW = 1600.0  # assumed width of the window, and of a plot's axis [pixels]
@@ -48,9 +48,11 @@ class Plots:
     Attributes:
         curves: as given.
         RIGHT: share of the window that the first page's plots take.
+        MOST: number of curves from which on colours repeat in a plot.
     """
 
     RIGHT = 0.6
+    MOST = len(PALETTE)
 
     def __init__(
         self,
@@ -169,6 +171,20 @@ class Plots:
             return grid
         key = rrb.TextDocumentView(origin=f"/{KEY}", name="Key", titlebar=False)
         return rrb.Vertical(key, grid, row_shares=[_KEY, _HEIGHT - _KEY], name=name or None)
+
+    @classmethod
+    def beside(
+        cls,
+        left: Sequence[rrb.View | rrb.Container],
+        right: rrb.Container,
+        name: str,
+        shares: list[float],
+    ) -> rrb.Horizontal:
+        """A page with robot and texts, `shares` of its height each, on the left of its plots."""
+        if not left:
+            return rrb.Horizontal(right, name=name)
+        column = rrb.Vertical(*left, row_shares=shares[: len(left)])
+        return rrb.Horizontal(column, right, column_shares=[1 - cls.RIGHT, cls.RIGHT], name=name)
 
     def _decades(self, entity: str) -> tuple[float, float] | None:
         """The powers of ten that enclose all curves below an entity; None if unknown."""

@@ -2,9 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 
 from ...core import Array, JointTree, SecondOrderSystem
 from ...robots import Looks
@@ -28,6 +30,7 @@ _WAY = (58, 104, 128)
 _LAST_WAY = (64, 214, 224)
 _GHOST = 0.6  # opacity, and share of white, of meshes with arrows inside
 _LIGHT = 0.25
+_WHITE = (255, 255, 255)
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,57 @@ class Camera:
     follows: str = ""  # entity that the camera tracks; empty if it is fixed
     centre: tuple[float, ...] = (0.0, 0.0, 0.0)  # (3,) tracked point, in the body frame [m]
     trail: float = 0.0  # duration of the bright part of a vehicle's path [s]
+
+    def view(self, name: str) -> rrb.Spatial3DView:
+        """The robot above the ground grid; the most recent part of a vehicle's path is bright."""
+        since = rr.TimeRangeBoundary.cursor_relative(seconds=-self.trail)
+        return self._space(
+            name,
+            [f"/{ROBOT}/**", f"-/{MARK}"],
+            {
+                PATH: _period(rr.TimeRangeBoundary.infinite(), since),
+                TRAIL: _period(since, rr.TimeRangeBoundary.cursor_relative()),
+            },
+        )
+
+    def way(self) -> rrb.Spatial3DView:
+        """A vehicle's path so far, and a mark at its position."""
+        so_far = _period(rr.TimeRangeBoundary.infinite(), rr.TimeRangeBoundary.cursor_relative())
+        thin = rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(1.5))
+        mark = rr.Points3D.from_fields(radii=rr.Radius.ui_points(5.0), colors=[_WHITE])
+        return self._space(
+            f"Path, grid of {self.grid:g} m",
+            [f"/{TRAIL}", f"/{MARK}"],
+            {TRAIL: [so_far, thin], MARK: [mark]},
+        )
+
+    def _space(
+        self, name: str, contents: Sequence[str], overrides: dict[str, Any]
+    ) -> rrb.Spatial3DView:
+        return rrb.Spatial3DView(
+            origin="/",
+            contents=list(contents),
+            name=name,
+            background=rrb.Background(color=(27, 32, 41)),
+            line_grid=rrb.LineGrid3D(
+                visible=True,
+                spacing=self.grid,
+                plane=rr.components.Plane3D.XY.with_distance(self.ground),
+                stroke_width=1.0,
+                color=(90, 100, 120, 120),
+            ),
+            eye_controls=rrb.EyeControls3D(
+                kind=rrb.Eye3DKind.Orbital,
+                position=self.position,
+                look_target=self.target,
+                tracking_entity=self.follows or None,
+            ),
+            overrides={f"/{entity}": override for entity, override in overrides.items()},
+        )
+
+
+def _period(start: rr.TimeRangeBoundary, end: rr.TimeRangeBoundary) -> rrb.VisibleTimeRanges:
+    return rrb.VisibleTimeRanges(timeline="sim_time", start=start, end=end)
 
 
 class Scene:

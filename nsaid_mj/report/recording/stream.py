@@ -1,11 +1,11 @@
-"""Writes a recording: layout, texts, robot and curves, collected in memory, written atomically.
+"""Recordings: pages, texts, robot and curves, collected in memory and written atomically, or live.
 
 Rerun's own file sink hangs in its flush when the disk is full, and cannot be interrupted there.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 from unittest import mock
 
 import rerun as rr
@@ -13,6 +13,7 @@ import rerun.blueprint as rrb
 import rerun_bindings
 
 from ...base import OutputFile
+from ..page import PageItem, item_lines
 from .lines import Lines, key
 from .plots import KEY
 from .text import application, drawable
@@ -23,8 +24,8 @@ _MARKDOWN = rr.MediaType.MARKDOWN
 def write_recording(
     file: Path,
     name: str,
-    layout: rrb.Blueprint,
-    documents: Mapping[str, str],
+    pages: Sequence[rrb.Container],
+    documents: Mapping[str, str | Sequence[PageItem]],
     lines: Sequence[Lines],
     draw: Callable[[rr.RecordingStream], None],
 ) -> Path:
@@ -33,8 +34,8 @@ def write_recording(
     Args:
         file: path of the recording, ending in .rrd; it is returned.
         name: name of the recording.
-        layout: layout of the viewer.
-        documents: Markdown, by entity.
+        pages: of the viewer, the first of which is open.
+        documents: Markdown, or parts of a page, by entity.
         lines: the curves.
         draw: logs the robot.
 
@@ -43,10 +44,11 @@ def write_recording(
     """
     rec = rr.RecordingStream(application(name))
     memory = rec.memory_recording()
-    _send_blueprint(rec, layout)
+    _send_blueprint(rec, _layout(pages, "playing"))
     try:
         explained = {KEY: key(lines)} if key(lines) else {}
-        for entity, text in {**documents, **explained}.items():
+        for entity, told in {**documents, **explained}.items():
+            text = told if isinstance(told, str) else "\n".join(item_lines(told))
             rec.log(entity, rr.TextDocument(drawable(text), media_type=_MARKDOWN), static=True)
         draw(rec)
         for one in lines:
@@ -59,6 +61,35 @@ def write_recording(
         del rec, memory  # the last references, so that Rerun can end its threads
         rerun_bindings.flush_and_cleanup_orphaned_recordings()
     return file
+
+
+def live_recording(address: str, name: str, pages: Sequence[rrb.Container]) -> rr.RecordingStream:
+    """A recording that a viewer at an address shows while it is made.
+
+    Args:
+        address: of the viewer, as Rerun's `connect_grpc` takes it.
+        name: name of the recording.
+        pages: of the viewer, the first of which is open.
+    """
+    rec = rr.RecordingStream(application(name))
+    rec.connect_grpc(address, default_blueprint=_layout(pages, "following"))
+    return rec
+
+
+def _layout(
+    pages: Sequence[rrb.Container], play_state: Literal["playing", "following"]
+) -> rrb.Blueprint:
+    """Pages as tabs, the first one open, without the viewer's panels."""
+    return rrb.Blueprint(
+        rrb.Tabs(*pages, active_tab=0),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(
+            state="collapsed", timeline="sim_time", play_state=play_state, loop_mode="all"
+        ),
+        auto_views=False,
+        auto_layout=False,
+    )
 
 
 def _send_blueprint(rec: rr.RecordingStream, blueprint: Any) -> None:

@@ -2,7 +2,7 @@
 // Makes every plot of a page interactive: values under the pointer, zoom by dragging (along x only,
 // with Shift along both axes), curves
 // switched by their entries in the legend, and download as SVG and CSV. A plot's SVG holds its data
-// as JSON in <metadata>, see plots.svg; data-curve is the name of an element's curve, data-axes the
+// as JSON in <metadata>, see svg.drawing; data-curve is the name of an element's curve, data-axes the
 // number of its axes. Zooming maps coordinates, which both linear and logarithmic axes permit.
 
 const SVG = "http://www.w3.org/2000/svg";
@@ -74,7 +74,7 @@ class Axes {
     const made = element("g", { class: "ticks" });
     const [left, top, right, bottom] = this.box;
     for (const side of [0, 1]) {
-      if (side ? this.names : this.x.names) continue;
+      if ((side ? this.y : this.x).names) continue;
       const text = this.group.querySelector(`[data-tick=${side ? "y" : "x"}] text`);
       const ends = [this.view[side], this.view[side + 2]].map((at) => this.value(at, side));
       for (const value of round(Math.min(...ends), Math.max(...ends), (side ? this.y : this.x).log)) {
@@ -197,12 +197,13 @@ class Plot {
     }
     if (!best || (!axes.cursor && least > 400)) return null;
     const at = axes.place(best.x, 0);
-    const named = (curve, k) => [curve.name, axes.names && axes.names[Math.round(curve.y[k])]].filter(Boolean).join(": ");
+    const named = (curve, k) => [curve.name, axes.y.names && axes.y.names[Math.round(curve.y[k])]].filter(Boolean).join(": ");
     const told = (label, value) => `${digits(value)}${unit(label) ? ` ${unit(label)}` : ""}`;
     if (!axes.cursor) {
       const { curve, k } = best, lines = [named(curve, k)];
-      if (axes.x.label) lines.push(`${axes.x.label.replace(/ \[.*/, "")}: ${told(axes.x.label, best.x)}`);
-      if (axes.y.label && !axes.names) lines.push(`${axes.y.label.replace(/ \[.*/, "")}: ${told(axes.y.label, curve.y[k])}`);
+      const across = axes.x.names ? axes.x.names[Math.round(best.x)] : told(axes.x.label, best.x);
+      if (axes.x.label) lines.push(`${axes.x.label.replace(/ \[.*/, "")}: ${across}`);
+      if (axes.y.label && !axes.y.names) lines.push(`${axes.y.label.replace(/ \[.*/, "")}: ${told(axes.y.label, curve.y[k])}`);
       return [at, lines];
     }
     const lines = [`t = ${told(axes.x.label, best.x)}`];
@@ -261,9 +262,9 @@ class Plot {
     const lines = [];
     for (const axes of this.axes) {
       const { x, y } = { x: axes.x.label || "x", y: axes.y.label || "y" };
-      if (axes.names) {
+      if (axes.y.names) {
         lines.push([x, ...axes.curves.map((curve) => curve.name)]);
-        axes.names.forEach((name, k) => lines.push([name, ...axes.curves.map((curve) => axes.xs[curve.x][curve.y.indexOf(k)])]));
+        axes.y.names.forEach((name, k) => lines.push([name, ...axes.curves.map((curve) => axes.xs[curve.x][curve.y.indexOf(k)])]));
         continue;
       }
       axes.xs.forEach((xs, number) => {  // curves at the same places share their lines
@@ -271,7 +272,7 @@ class Plot {
         if (!curves.length) return;
         const name = (curve) => [curve.name, y].filter(Boolean).join(": ");
         lines.push([x, ...curves.map(name)]);
-        xs.forEach((at, k) => lines.push([at, ...curves.map((curve) => curve.y[k])]));
+        xs.forEach((at, k) => lines.push([axes.x.names ? axes.x.names[Math.round(at)] : at, ...curves.map((curve) => curve.y[k])]));
         lines.push([]);
       });
     }

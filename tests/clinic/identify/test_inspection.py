@@ -11,7 +11,7 @@ from nsaid_mj.base.findings import Finding
 from nsaid_mj.cli.commands import command
 from nsaid_mj.clinic.identify.fixing import fix
 from nsaid_mj.clinic.identify.inspection import Inspection, figures_of, inspect, signal_names
-from nsaid_mj.clinic.identify.inspection_page import draw_inspection
+from nsaid_mj.clinic.identify.inspection_page import _spans, inspection_page
 from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.clinic.logs.checks import checked
 from nsaid_mj.clinic.logs.first_map import first_map
@@ -22,6 +22,7 @@ from nsaid_mj.clinic.logs.tables import Channel, LogTable, read_tables
 from nsaid_mj.robots.assets import asset
 from tests.support.robot_logs import columns, two_joints, write_csv
 
+SIGNALS = ("Positions", "Velocities", "Commands")
 URDF = '<robot name="arm"><link name="base"/>' + "".join(
     f'<link name="{name}_link"><inertial><mass value="2"/><origin xyz="0.2 0 0"/>'
     '<inertia ixx="0.02" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>'
@@ -125,9 +126,16 @@ def test_a_first_map_quotes_names_of_joints(tmp_path):
 
 
 @pytest.mark.parametrize("extra", [{}, {"current1": np.ones(2000), "current2": np.ones(2000)}])
-def test_a_picture_is_drawn_with_and_without_a_match(tmp_path, extra):
-    path = draw_inspection(inspected(tmp_path, **extra), tmp_path / "inspection.png")
-    assert path.read_bytes().startswith(b"\x89PNG")
+def test_signals_are_drawn_with_and_without_a_match(tmp_path, extra):
+    titles = [section.title for section in inspection_page(inspected(tmp_path, **extra)).sections]
+    assert titles == (["Channels over time", ""] if extra else [*SIGNALS, ""])
+
+
+def test_rows_that_are_not_used_are_shaded_half_way_to_the_next():
+    t = np.arange(5.0)
+    assert _spans(t, np.array([True, False, True, True, False])) == [(0.0, 0.5), (1.5, 3.5)]
+    assert _spans(t, np.array([False, False, False, False, True])) == [(3.5, 4.0)]
+    assert _spans(t, np.zeros(5, bool)) == []
 
 
 @pytest.mark.parametrize(("name", "position"), [("bluerov2", "qw"), ("f1tenth", "yaw")])
@@ -139,17 +147,18 @@ def test_channels_of_a_vehicle_have_the_names_of_its_signals(name: str, position
     assert names["q"][-1][0] == position and names["v"][0] == ("surge", "m/s")
 
 
-def test_the_command_writes_a_map_and_a_picture(tmp_path, capsys):
+def test_the_command_writes_a_map_and_a_page(tmp_path, capsys):
     log = write_csv(tmp_path / "log.csv", {"t": columns()["t"], "x": columns()["q1"]})
     arguments = ["inspect", str(log), "--model", "tx40", "--out", str(tmp_path)]
     assert command(arguments) == 2
     printed = capsys.readouterr().out
-    assert printed.startswith("✘ Columns could not be matched") and "map.toml" in printed
+    assert printed.startswith("✘ log.csv: Columns could not be matched") and "map.toml" in printed
     (tmp_path / "map.toml").write_text("edited", encoding="utf-8")
-    (tmp_path / "inspection.png").write_bytes(b"the user's")
+    (tmp_path / "inspection.html").write_bytes(b"the user's")
     assert command(arguments) == command(arguments) == 2
-    assert (tmp_path / "inspection.png").read_bytes() == b"the user's"
-    assert {p.name for p in tmp_path.glob("*.png")} == {"inspection.png", "inspection-2.png"}
+    assert (tmp_path / "inspection.html").read_bytes() == b"the user's"
+    pages = {p.name for p in tmp_path.glob("*.html")}
+    assert pages == {"inspection.html", "inspection-2.html"}
     assert (tmp_path / "map.toml").read_text(encoding="utf-8") == "edited"
     assert (tmp_path / "map-new.toml").is_file()
 
@@ -234,7 +243,7 @@ def test_a_packed_log_is_inspected_by_its_robots_name(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     assert command(["inspect", name, "--out", str(tmp_path)]) == 0
-    assert "✔ nsaid identify can use this log." in capsys.readouterr().out
+    assert ": nsaid identify can use this log." in capsys.readouterr().out
     assert (tmp_path / "map.toml").exists() == (name == "so101")  # the other has one
 
 

@@ -9,11 +9,13 @@ from nsaid_mj.base.errors import InvalidInput, UnknownName
 from nsaid_mj.clinic.identify.inspection import inspect
 from nsaid_mj.clinic.logs.mapping import ColumnMap, Joint, Map, Pd, map_of
 from nsaid_mj.clinic.logs.matching import match, named
-from nsaid_mj.clinic.logs.pd_law import held_mean, known_gains
+from nsaid_mj.clinic.logs.pd_law import feedback_in, held_mean, known_gains
 from nsaid_mj.clinic.logs.preparation import prepare
+from nsaid_mj.clinic.logs.recordings import LogSegment, Recordings
 from nsaid_mj.clinic.logs.signals import Signal
 from nsaid_mj.clinic.logs.tables import Channel, LogTable
 from nsaid_mj.clinic.logs.unusable import UnmatchedChannels
+from nsaid_mj.core import Log
 from tests.support.robot_logs import motion, two_joints
 
 KP, KD, RATE = np.array([20.0, 30.0]), np.array([0.5, 1.5]), 100.0
@@ -150,3 +152,31 @@ def test_a_name_of_two_joints_or_of_a_quantity_counts_for_none():
 
 def test_numbers_of_the_law_in_a_map():
     assert map_of({"pd": {"kp": 20, "kd": [1.5, 2]}}).pd == Pd(kp=20, kd=(1.5, 2))
+
+
+def _torques(u_of):
+    """Recordings of two joints at 200 Hz with noise, and the torques `u_of` t, q and v."""
+    rng = np.random.default_rng(4)
+    t = np.arange(4000) / 200
+    q = 0.3 * np.sin(np.outer(t, [9.0, 7.0])) + 0.02 * np.sin(np.outer(t, [60.0, 80.0]))
+    v = np.gradient(q, t, axis=0)
+    u = u_of(t, q, v)
+    q = q + 1e-4 * rng.standard_normal(q.shape)
+    log = Log(t, q, v + 0.02 * rng.standard_normal(v.shape), u)
+    segment = LogSegment(log, np.ones(u.shape, bool), "log.csv", (0, len(t) - 1))
+    return Recordings((segment,), 200.0, ("N·m", "N·m"))
+
+
+def test_steps_of_targets_tell_the_pd_law_of_measured_torques():
+    def held(t, q, v):
+        row = np.arange(len(t)) // 10 * 10
+        return KP * (q[row] + 0.05 * np.cos(np.outer(t[row], [20.0, 15.0])) - q) - KD * v
+
+    np.testing.assert_allclose(feedback_in(_torques(held)), [KP, KD], rtol=0.15)
+
+
+def test_torques_of_a_heavy_joint_are_no_pd_law():
+    def heavy(t, q, v):
+        return 0.1 * np.gradient(v, t, axis=0) + 0.3 * np.tanh(v / 0.05) + np.sin(q)
+
+    assert feedback_in(_torques(heavy)) is None

@@ -19,7 +19,6 @@ from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.core.quotient.cone import Cone
 from nsaid_mj.core.structure.joints import JointScales, JointTree
 from nsaid_mj.core.structure.system import SecondOrderSystem
-from nsaid_mj.lab.evaluation.bound import bound_figures
 from nsaid_mj.lab.evaluation.confidence import KnownDirections, known
 from nsaid_mj.lab.evaluation.figures import Judge
 from nsaid_mj.lab.evaluation.truth import Truth
@@ -83,8 +82,7 @@ def followed(name: str, seed: int, duration: float, **changes: Any) -> Followed:
 def test_under_noise_it_is_as_accurate_as_the_data_allow(seed: int) -> None:
     found = followed("bluerov2", seed, 30.0)
     levels = found.setup.scenario.noise.levels
-    judge = Judge(found.truth)
-    least = bound_figures(found.truth, judge, found.log, levels)
+    least = Judge(found.truth).bound(found.log, levels)
     assert found.state.status is Status.completed
     for key, value in found.figures.items():
         bound = least[key]

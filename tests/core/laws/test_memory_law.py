@@ -26,9 +26,8 @@ from nsaid_mj.core.parameters import Array
 from nsaid_mj.core.quotient.cost import Quotient, Remembered
 from nsaid_mj.lab.control.driver import Driver
 from nsaid_mj.lab.evaluation.confidence import KnownDirections, known
-from nsaid_mj.lab.evaluation.figures import actuator_ratio_error
 from nsaid_mj.lab.evaluation.lyapunov import energy, rises_of
-from nsaid_mj.lab.evaluation.truth import Truth
+from nsaid_mj.lab.evaluation.truth import Truth, actuator_ratio_error
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.options import parse_flags

@@ -7,6 +7,7 @@ import json
 import math
 import shutil
 from dataclasses import fields, replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -26,13 +27,13 @@ from nsaid_mj.base.files import OutputFolder
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.nullspace.subspace import Nullspace
 from nsaid_mj.lab import postprocessing
-from nsaid_mj.lab.evaluation.figures import averaged_rows, converged_at, residual_ratio
+from nsaid_mj.lab.evaluation.figures import averaged_rows, residual_ratio
 from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.evaluation.verify import Verification
 from nsaid_mj.lab.loop import Run, SimulatedRun, run
 from nsaid_mj.lab.record import RECORD_FILE as RECORD
 from nsaid_mj.lab.recording.run import write_run_recording
-from nsaid_mj.report.page import REPORT_FILE
+from nsaid_mj.report.page import Page
 from tests.support.faulty import ROV
 from tests.support.recordings import entities_of
 from tests.support.summaries import evaluated, summarize, unknown
@@ -172,7 +173,7 @@ def test_a_run_without_a_truth_is_recorded_and_reported(done, tmp_path):
     bare = dataclasses.replace(unknown(done), folder=tmp_path)
     summary = postprocessing.finish(bare).summary()
     assert json.loads((tmp_path / postprocessing.SUMMARY).read_text(encoding="utf-8")) == summary
-    page = (tmp_path / REPORT_FILE).read_text(encoding="utf-8")
+    page = (tmp_path / Page.FILE).read_text(encoding="utf-8")
     assert "nan" not in page and "distance to the true set" not in page
     seen = entities_of(tmp_path / OutputFolder.RECORDING)
     wanted = {"/velocity/measured", "/velocity/predicted", "/force/motion", "/force/actuators"}
@@ -223,4 +224,5 @@ def test_a_fault_changes_the_truth_at_its_time(tmp_path):
 )
 def test_converged_at_is_when_the_estimate_stays_near_the_true_set(distances, expected):
     t = np.arange(len(distances), dtype=float)
-    assert converged_at(t, np.array(distances)) == expected
+    truth: Any = SimpleNamespace(distance=lambda t, theta_hat: theta_hat[:, 0])
+    assert Truth.converged_at(truth, t, np.array(distances)[:, None]) == expected

@@ -13,7 +13,7 @@ from nsaid_mj.core.structure.joints import JointTree
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.plants import sysid as toolbox_module
-from nsaid_mj.lab.plants.sysid import sysid
+from nsaid_mj.lab.plants.sysid import Toolbox
 from nsaid_mj.plans.baselines import BATCH, least_squares
 from nsaid_mj.plans.baselines.base import MethodEstimate, follow
 from nsaid_mj.plans.baselines.least_squares import (
@@ -309,7 +309,7 @@ def installed():
 
 def by_toolbox(problem, budget=1.0):
     system, log, prior, noise = problem
-    return sysid(system, [log], prior, noise, budget)
+    return Toolbox().fitted(system, [log], prior, noise, budget)
 
 
 needs_toolbox = pytest.mark.skipif(not installed(), reason="needs mujoco[sysid]")
@@ -323,6 +323,7 @@ def test_sysid_without_its_dependencies_says_how_to_install_them(pendulum, monke
         by_toolbox(pendulum._problem)
 
 
+@needs_toolbox
 def test_sysid_refuses_systems_other_than_arms():
     with pytest.raises(NoEstimate, match="arms"):
         by_toolbox(world("scalar_rov", 1.0)._problem)
@@ -337,7 +338,7 @@ def test_sysids_model_accelerates_as_the_structure(robot):
     problem = world(robot, 0.1)._problem
     system, theta, rng = problem.system, problem.prior, np.random.default_rng(2)
     assert isinstance(system, JointTree)
-    model = toolbox_module._SysidModel(toolbox_module.toolbox(), system, theta, 1e-3)
+    model = toolbox_module._SysidModel(Toolbox().module, system, theta, 1e-3)
     np.testing.assert_allclose(
         model.theta(model.parameters.as_vector()), theta, rtol=1e-6, atol=1e-9
     )

@@ -12,7 +12,7 @@ from nsaid_mj.lab.plants.jointed import ArmPlant
 from nsaid_mj.plans.excite.experiment import Experiment, own_limits, scenario_of_model
 from nsaid_mj.plans.excite.limits import COMMAND, RANDOM, Limit, Limits
 from nsaid_mj.plans.excite.motions import DrivenMotions
-from nsaid_mj.robots.assets import vehicle_files
+from nsaid_mj.robots.assets import VehicleFiles
 from nsaid_mj.robots.errors import BadRobot
 
 XML = """
@@ -68,7 +68,7 @@ def test_a_urdf_brings_its_own_speed_and_effort():
 
 def test_a_vehicles_file_gets_the_excitation_of_its_family(tmp_path):
     sheet = tmp_path / "mine.toml"
-    files = vehicle_files("bluerov2")
+    files = VehicleFiles.of("bluerov2")
     sheet.write_bytes(files.sheet.read_bytes())
     (tmp_path / "model.xml").write_bytes(files.model.read_bytes())
     scenario = scenario_of_model(str(sheet))

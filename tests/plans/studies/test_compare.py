@@ -5,6 +5,7 @@ import io
 import json
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -20,18 +21,17 @@ from nsaid_mj.plans.baselines.base import MethodEstimate
 from nsaid_mj.plans.studies import compare, compare_report
 from nsaid_mj.plans.studies.compare import BOUND, PRIOR, ComparedPlant
 from nsaid_mj.plans.studies.compare_report import (
+    figures,
     groups_of,
-    lines,
     over_bound,
     row_of,
     runs_of,
-    write_pictures,
 )
 from nsaid_mj.plans.studies.runs import Runs
 from nsaid_mj.plans.studies.study import Row, Study
 from nsaid_mj.report.page import render_html
 from nsaid_mj.report.terminal import print_page
-from tests.report.pages.markup import Page
+from tests.report.pages.markup import Page, data_of
 
 SCALAR = load("scalar_rov")
 MANIFEST = {
@@ -235,7 +235,7 @@ def test_the_table_fits_a_terminal_and_lists_failures():
     ]
     made.append(row_of("ekf", 2, 0.0, 20.0, failure="M̂ not positive definite [at] t = 1 s"))
     stream = io.StringIO()
-    page = compare_report.page_of(runs(made), {})
+    page = compare_report.page_of(runs(made))
     print_page(page, Console(file=stream, width=80, highlight=False))
     failures, table = stream.getvalue().split(" methods, 3 seeds")
     assert "0.0012 (–)" in table and "…" not in table
@@ -244,7 +244,7 @@ def test_the_table_fits_a_terminal_and_lists_failures():
         assert method in table
 
 
-def test_plots_are_drawn_only_where_there_are_enough_cells(tmp_path):
+def test_plots_are_drawn_only_where_there_are_enough_cells():
     def made(durations, noises):
         return [
             row_of(m, s, x, d, 1e-3 * d, 1e-2 + x, None, 1.0 + d)
@@ -254,11 +254,28 @@ def test_plots_are_drawn_only_where_there_are_enough_cells(tmp_path):
             for x in noises
         ]
 
-    every = write_pictures(tmp_path, lines(runs(made((1.0, 2.0), (0.0, 1.0)))))
-    assert [p.name for p in every] == ["data_length.png", "noise.png", "wall_time.png"]
-    assert all(p.read_bytes().startswith(b"\x89PNG") for p in every)
-    assert list(lines(runs(made((1.0,), (0.0,))))) == ["wall_time"]
-    assert not lines(runs([]))
+    every = figures(runs(made((1.0, 2.0), (0.0, 1.0))))
+    over = [figure.title.split(" over ")[1].split(":")[0] for figure in every]
+    assert over[:5] == [*["wall time"] * 2, *["length of the log"] * 2, "sensor noise"]
+    assert len(every) == 2 * 5  # nobody has a force residual
+    assert all("over wall time" in f.title for f in figures(runs(made((1.0,), (0.0,)))))
+    assert not figures(runs([]))
+
+
+def test_bars_reach_from_the_best_to_the_worst_seed_and_marks_are_at_the_median():
+    cells = [row_of("ols", s, 1.0, 2.0, 1e-3 * 10**s, 1e-2, 1e-3, 1.0 + s) for s in range(3)]
+    drawing = ElementTree.fromstring(figures(runs(cells))[0].drawing)
+    (axes,) = data_of(figures(runs(cells))[0].drawing)
+    assert axes["curves"] == [{"name": "ols", "x": 0, "y": [0.01]}]
+    low, high = np.log10(axes["y"]["ends"])
+    _, top, _, bottom = axes["box"]
+    place = {x: bottom - (x - low) / (high - low) * (bottom - top) for x in (-3, -2, -1)}
+    own = [p for p in drawing.iter("path") if p.get("data-curve") == "ols"]
+    (bar,) = (p for p in own if "L" in str(p.get("d")))
+    heights = [float(word) for word in str(bar.get("d")).split()[2::3]]
+    np.testing.assert_allclose(heights, [place[-3], place[-1]], atol=0.02)
+    (mark,) = (u for u in drawing.iter("use") if u.get("data-curve") == "ols")
+    assert float(str(mark.get("y"))) == pytest.approx(place[-2], abs=0.02)
 
 
 def test_the_page_has_the_verdict_the_plots_and_every_row(tmp_path):
@@ -268,7 +285,7 @@ def test_the_page_has_the_verdict_the_plots_and_every_row(tmp_path):
         for s in (0, 1)
     ]
     cells.append(row_of("tls", 0, 1.0, 2.0, failure="<b>it failed"))
-    text = render_html(compare_report.page_of(runs(cells), lines(runs(cells))))
+    text = render_html(compare_report.page_of(runs(cells)))
     page = Page.of(text)
     assert (
         "memory comes closest to the true set: within 0.003 in the median, 0.004 at worst" in text
@@ -282,7 +299,7 @@ def test_the_page_has_the_verdict_the_plots_and_every_row(tmp_path):
     assert "<b>it" not in text and "&lt;b&gt;it failed" in text
     assert text.count('role="img"') == 3  # one panel for each figure, over wall time
     assert "nsaid compare ur5 --dt 0.01 --methods ols,memory,tls --seeds 0,1" in text
-    empty = render_html(compare_report.page_of(runs([]), {}))
+    empty = render_html(compare_report.page_of(runs([])))
     assert "No method has a result" in empty
 
 
@@ -324,8 +341,7 @@ def test_the_command_writes_all_and_prints_the_table(tmp_path, capsys):
         cell["theta_perp_ratio"] for cell in found["cells"]
     ]
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    pictures = {"data_length.png", "noise.png", "wall_time.png"}
-    assert names == {".nsaid-mj.json", "compare.json", "compare.csv", "report.html"} | pictures
+    assert names == {".nsaid-mj.json", "compare.json", "compare.csv", "report.html"}
 
 
 def test_as_json_it_prints_nothing_else(tmp_path, capsys):

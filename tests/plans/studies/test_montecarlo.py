@@ -329,7 +329,6 @@ def test_many_runs_get_a_report_with_plots(tmp_path, capsys):
         montecarlo_results.run_montecarlo(study, tmp_path / name, 1, quiet=True)
         assert command(["report", str(tmp_path / name)]) == 0
         assert "report.html" in capsys.readouterr().out
-        assert (tmp_path / name / "distributions.png").stat().st_size > 1000
         page = (tmp_path / name / "report.html").read_text()
         assert "3 of 3 runs" in " ".join(page.split()) and "3 seeds" in page
 

@@ -18,9 +18,9 @@ from nsaid_mj.core.laws.faults import FaultEvent
 from nsaid_mj.lab.evaluation.page import print_result
 from nsaid_mj.lab.evaluation.run_result import STATISTICS
 from nsaid_mj.lab.evaluation.statistics import Conditions, Dimensions, Unobservable
-from nsaid_mj.report.page import Table, Text
-from nsaid_mj.report.result import Mark, gathered
-from nsaid_mj.report.terminal import print_findings, print_panels
+from nsaid_mj.report.page import Page, Section, Table, Text
+from nsaid_mj.report.result import Mark, Result, gathered
+from nsaid_mj.report.terminal import print_page
 from tests.support.summaries import run_result
 
 
@@ -91,7 +91,8 @@ def test_the_view_command_can_be_pasted_into_a_shell(capsys, tmp_path, monkeypat
 def test_a_remedy_that_findings_share_is_printed_once() -> None:
     some = [Finding("refusal", f"code_{k}", f"joint_{k}", "far", "Say deg.") for k in (1, 2)]
     stream = io.StringIO()
-    print_findings([*some, Finding("refusal", "x", "", "no", "Other.")], Console(file=stream))
+    told = (*some, Finding("refusal", "x", "", "no", "Other."))
+    print_page(Page("", Result(findings=told)), Console(file=stream))
     assert [line.split(": ")[-1] for line in stream.getvalue().splitlines()] == [
         "far.",
         "far. Say deg.",
@@ -133,7 +134,8 @@ def lines_of(width: int, terminal: bool) -> list[str]:
     words = "the residuals of this joint are 12 % of the motion, see a/path/that/is/long.csv"
     stream = io.StringIO()
     console = Console(file=stream, width=width, force_terminal=terminal, color_system=None)
-    print_panels([Text(words), table], console)
+    page = Page("", Result(), sections=[Section("", [Text(words), table], brief=True)])
+    print_page(page, console)
     return stream.getvalue().splitlines()
 
 

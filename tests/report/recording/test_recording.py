@@ -32,14 +32,14 @@ from nsaid_mj.core.structure.joints import JointTree
 from nsaid_mj.core.structure.parts import Body, Column, Inertia
 from nsaid_mj.core.structure.structure import Structure
 from nsaid_mj.core.structure.system import SecondOrderSystem
+from nsaid_mj.lab.evaluation.labels import groups
 from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.loop import FAULTS, SimulatedRun, run
-from nsaid_mj.lab.recording import forces, inertia, torques, viewer
+from nsaid_mj.lab.recording import forces, inertia, layout, torques, viewer
 from nsaid_mj.lab.recording.run import write_run_recording
-from nsaid_mj.report.labels import groups
 from nsaid_mj.report.page import Link, Page, Section, Table
 from nsaid_mj.report.panels import Comparison, Panel, spread
-from nsaid_mj.report.recording import layout, lines, plots, scene
+from nsaid_mj.report.recording import lines, plots, scene
 from nsaid_mj.report.recording.stream import write_recording as write_content
 from nsaid_mj.report.recording.text import drawable
 from nsaid_mj.report.result import Result
@@ -386,7 +386,7 @@ def test_reruns_warnings_are_errors(tmp_path: Path) -> None:
         rec.log("x", rr.Scalars("no number"))  # type: ignore[arg-type]
 
     with pytest.raises(RerunWarning):
-        write_content(tmp_path / "test.rrd", "test", rrb.Blueprint(), {}, (), draw)
+        write_content(tmp_path / "test.rrd", "test", [rrb.Horizontal()], {}, (), draw)
 
 
 @pytest.mark.parametrize("folder", ["missing", "."])
@@ -402,7 +402,7 @@ def test_a_recording_that_fails_says_nothing_on_stderr(folder: str, tmp_path: Pa
         for _ in range(2):
             with pytest.raises(NotWritten if folder == "missing" else ZeroDivisionError):
                 file = tmp_path / folder / "test.rrd"
-                write_content(file, "test", rrb.Blueprint(), {}, (), draw)
+                write_content(file, "test", [rrb.Horizontal()], {}, (), draw)
             gc.collect()
     assert said.err == ""
 
@@ -414,8 +414,8 @@ def test_every_view_has_one_parent_only(which: str, request: pytest.FixtureReque
     camera = drawn.camera(result.record["q"], result.record["v"])
     curves = lines.lines_of(evaluated(result, Truth.of(result)).curves)
     for kind in ("motor gain", ""):
-        whole = layout.blueprint(space, camera, plots.Plots(curves, 1.0), shared=kind)
-        found, waiting = [], [whole.root_container]
+        pages = layout.pages_of_run(space, camera, plots.Plots(curves, 1.0), shared=kind)
+        found, waiting = [], list(pages)
         while waiting:
             part = waiting.pop()
             found.append(part.id)  # Rerun complains of one that has two parents

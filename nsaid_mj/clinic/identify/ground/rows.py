@@ -73,6 +73,7 @@ class Ground:
     force: Array = field(default_factory=lambda: np.zeros(3))  # bias of the accelerometer [m/s²]
     # (N, feet) whether each touches, at the samples of every segment; None for all of them
     touching: tuple[Array, ...] | None = None
+    law: Array | None = None  # (2, k) gains of a PD law in measured torques; see `feedback_in`
     # share of the base's answer to each step of held targets by which the accelerometer's readings
     # exceed the mean between steps, and that answer, (M, 6) of every segment; None if nothing steps
     at_step: float = 0.0
@@ -92,6 +93,8 @@ class GroundRows(Rows):
         space: θ: links, rotors, frictions, gains.
         fixed: (N, n, p) rows of everything but the commands.
         condition: (N,) of every motion's Jacobian; see `Elimination`.
+        law: (2, k) gains of measured position and velocity in the commands, of a PD law that the
+            log states or the commands show; None without one.
     """
 
     def __init__(
@@ -116,8 +119,8 @@ class GroundRows(Rows):
         super().__init__(recordings, chosen, lambda *each: smooth_ground(ground, *each))
         self.motions = [self._between(k, each, ground) for k, each in enumerate(self.motions)]
         self.driven = recordings.driven(robot)
-        law = recordings.feedback
-        self._commands = [(s, smooth_commands(s, chosen, law)) for s in self.segments]
+        self.law = ground.law if recordings.feedback is None else recordings.feedback
+        self._commands = [(s, smooth_commands(s, chosen, self.law)) for s in self.segments]
         self.eliminated = [self._eliminated(k, motion) for k, motion in enumerate(self.motions)]
         self.usable &= self._sure()
         self.usable[:, self.usable.sum(axis=0) < _FEW] = False
@@ -327,15 +330,19 @@ class GroundRows(Rows):
     def acting(self, number: int, delay: Array, lag: float = 0.0) -> Array:
         """(M, k) unfiltered commands of a motion, late by (k,) seconds.
 
-        Of a PD law the measured motion acts late by `lag` [s].
+        The part of a PD law that the measured motion makes is not late, but by `lag` [s].
         """
         segment, curve = self._commands[number]
-        u = delayed(segment, self.chosen, curve, delay)
+        stated = self.recordings.feedback is not None
+        held = 0.0 if stated or self.law is None else 0.5 / self.recordings.rate
+        u = delayed(segment, self.chosen, curve, delay + held)
         motion = self.motions[number]
-        law = self.recordings.feedback
-        if law is not None:  # its damping is part of viscous friction
-            earlier = motion.q[:, BASE + 1 :] - lag * motion.v[:, BASE:]
-            u = u - law[0] * earlier + lag * law[1] * motion.a[:, BASE:]
+        if self.law is not None:
+            kp, kd = self.law
+            u = u - kp * (motion.q[:, BASE + 1 :] - lag * motion.v[:, BASE:])
+            u = u + lag * kd * motion.a[:, BASE:]
+            if not stated:  # else damping is part of viscous friction
+                u = u - kd * motion.v[:, BASE:]
         return u * np.sign(self.robot.gain)
 
     def commands(self, delay: Array) -> Array:

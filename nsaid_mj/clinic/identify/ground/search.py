@@ -18,6 +18,7 @@ from ....base import Finding
 from ....core import Array, Sums
 from ....lab import INTERVAL
 from ....robots import RobotModel
+from ...logs.pd_law import feedback_in
 from ...logs.recordings import Recordings
 from ..choose.columns import SPEEDS
 from ..choose.cutoff import NARROWER
@@ -68,7 +69,8 @@ def structured_ground(
     measured = recordings.imu.accelerometer is not None
     cutoff = min(options.cutoff or (_CUTOFF if measured else _SLOW), 0.2 * recordings.rate)
     chosen = filter_of(recordings, cutoff)
-    rows = GroundRows(robot, recordings, chosen, Ground(feet, pose), _SPEED)
+    law = feedback_in(recordings) if recordings.feedback is None else None
+    rows = GroundRows(robot, recordings, chosen, Ground(feet, pose, law=law), _SPEED)
     rows.expect(*expected_gains(rows))
     k = len(robot.joints)
     delay = np.zeros(k) if options.delay is None else options.delay
@@ -78,16 +80,8 @@ def structured_ground(
         rows = rows.like(with_odometry(rows, _stance(rows, fit, delay)))
         fit = minimise(rows.problem(delay), start=fit.theta)
     rows, seen = _released(rows, fit, delay)
-    findings = [said, where, *_swing(rows, seen), *_damping(rows)]
-    findings += _sensors(rows, seen)
-    if not measured:
-        text = "without an accelerometer the base's acceleration is taken from the feet that bear "
-        text += (
-            f"load, as if they stood still; it is used up to {cutoff:g} Hz, and no delay of the "
-        )
-        text += "commands is sought"
-        remedy = "Log the IMU's specific force, too."
-        findings.append(Finding("warning", "no_accelerometer", "base", text, remedy))
+    findings = [said, where, *_swing(rows, seen), *_damping(rows), *_implied(rows)]
+    findings += [*_sensors(rows, seen), *_without_accelerometer(rows)]
     report("finding how dry friction turns")
     fit = _with_friction(rows, fit, delay)
     report("comparing IMU and joints")
@@ -133,7 +127,7 @@ def _allowed(rows: GroundRows, fit: Fit, delay: Array) -> tuple[GroundRows, Fit,
     A large error of the IMU hides others, and which feet bear load, so it is found first.
     """
     total = 0.0
-    if rows.recordings.feedback is not None:
+    if rows.law is not None:
         rows.ground = _answered(rows, fit.theta)
     for last in (False, False, True):
         problem = rows.problem(delay)
@@ -225,6 +219,17 @@ def expected_gains(rows: GroundRows) -> tuple[Array, Array]:
     return gain, np.where(stated, STATED, np.where(nominal, NOMINAL, GUESSED))
 
 
+def _without_accelerometer(rows: GroundRows) -> Iterator[Finding]:
+    """What is taken in place of the base's specific force, where nothing measures it."""
+    if rows.recordings.imu is None or rows.recordings.imu.accelerometer is not None:
+        return
+    text = "without an accelerometer the base's acceleration is taken from the feet that bear "
+    text += f"load, as if they stood still; it is used up to {rows.chosen.cutoff:g} Hz, and no "
+    text += "delay of the commands is sought"
+    remedy = "Log the IMU's specific force, too."
+    yield Finding("warning", "no_accelerometer", "base", text, remedy)
+
+
 def _swing(rows: GroundRows, seen: Stance) -> Iterator[Finding]:
     """How long each foot bears load, and which ones never swing."""
     names = [foot.name for foot in rows.ground.feet]
@@ -307,6 +312,23 @@ def _damping(rows: GroundRows) -> Iterator[Finding]:
         yield Finding("note", "damping", "", text)
 
 
+def _implied(rows: GroundRows) -> Iterator[Finding]:
+    """Whether measured torques are those of a PD law whose targets step."""
+    if rows.recordings.feedback is not None or rows.law is None:
+        return
+    joints = [joint for joint, kp in zip(rows.robot.joints, rows.law[0], strict=True) if kp]
+    ranges = [
+        f"{name} {values.min():.3g} to {values.max():.3g}"
+        for name, values in zip(("kp", "kd"), rows.law[:, rows.law[0] > 0], strict=True)
+    ]
+    text = f"the commands are torques of a PD law whose targets step ({', '.join(ranges)}, in the "
+    text += "commands' units): only the targets' part is taken to act late. If the law ran no "
+    text += "faster than the log, rotor inertia and viscous friction would be larger, by kd and kp "
+    text += "times half of a row's time; their intervals allow for it"
+    remedy = "Log the torques faster, or as a mean from row to row."
+    yield Finding("note", "implied_law", ", ".join(joints), text, remedy)
+
+
 def _delay(rows: GroundRows, fit: Fit) -> tuple[float, float]:
     """The common delay of the commands with the least cost, and its standard deviation [s]."""
     k = len(rows.robot.joints)
@@ -360,5 +382,7 @@ def _alternatives(rows: GroundRows, delay: Array, others: Sequence[float]) -> It
         yield rows.problem(delay, band=band)
     if rows.recordings.feedback is not None:
         yield rows.problem(delay, lag=_LAG)
+    elif rows.law is not None:
+        yield rows.problem(delay, lag=0.5 / rows.recordings.rate)
     chosen = filter_of(rows.recordings, NARROWER * rows.chosen.cutoff)
     yield rows.like(chosen=chosen).problem(delay)

@@ -14,7 +14,7 @@ import numpy as np
 
 from ....base import InvalidInput, config
 from ....core import Array, Block, Inertia, Operation, Term
-from ....robots import VehicleFiles, folder, vehicle_files
+from ....robots import VehicleFiles, asset
 from ...fields import Share
 from .body import BODY, JOINTS, BodyInertia, command_inputs, hidden, vehicle_spec
 from .config import KnownPlant
@@ -168,7 +168,7 @@ def _unphysical(name: str, error: ValueError) -> InvalidInput:
 @cache
 def sheet_of(family: str) -> type[VehicleSheet]:
     """The type of the sheets of a family, from its converter in assets/families."""
-    path = folder("assets") / "families" / f"{family.replace('-', '_')}.py"
+    path = asset("families", f"{family.replace('-', '_')}.py")
     spec = spec_from_file_location(f"nsaid_mj_family_{path.stem}", path)
     assert spec is not None and spec.loader is not None
     module = sys.modules[spec.name] = module_from_spec(spec)  # where pydantic looks names up
@@ -207,7 +207,7 @@ class VehiclePlant(BodyPlant, ABC):
 
     @property
     def _files(self) -> VehicleFiles:
-        return vehicle_files(self.vehicle)
+        return VehicleFiles.of(self.vehicle)
 
     def _published(self) -> Blueprint:
         return self.sheet.of(self.vehicle).blueprint()

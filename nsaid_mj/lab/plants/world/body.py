@@ -113,7 +113,7 @@ def _visual_spec(files: VehicleFiles, size: Sequence[float], n: int) -> Any:
     """MuJoCo's specification of a vehicle's model.xml, or of a box of the given size."""
     import mujoco
 
-    from ....robots import DRAWN, check_named_files
+    from ....robots import VisualMesh, check_named_files
 
     path = files.model
     if not path.is_file():
@@ -132,7 +132,7 @@ def _visual_spec(files: VehicleFiles, size: Sequence[float], n: int) -> Any:
     expected = [(name, wanted.get(name, kind.mjJNT_SLIDE)) for name in JOINTS[n]]
     joints = [(joint.name, joint.type) for joint in spec.joints]
     actuators = [actuator.name for actuator in spec.actuators]
-    strange = [geom.name for geom in spec.geoms if geom.type not in DRAWN]
+    strange = [geom.name for geom in spec.geoms if not VisualMesh.is_drawn(geom.type)]
     drawn = "boxes, cylinders, capsules, ellipsoids and spheres"
     made = files.sheet.name
     for sound, needed, got, remedy in (

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from ....base import InputFile, InvalidInput, UnknownName
 from ....core import Array
-from ....robots import asset, packed_vehicles, vehicle_files
+from ....robots import VehicleFiles, asset, packed_vehicles
 
 LARGEST = 1e9
 SMALLEST = 1e-12
@@ -93,7 +93,7 @@ class Sheet(SheetTable):
             InvalidInput: a value is missing or invalid; the message names file and key.
             UnknownName: the vehicle, or a key in the file, does not exist.
         """
-        path = vehicle_files(vehicle).sheet
+        path = VehicleFiles.of(vehicle).sheet
         content = _read(path)
         if "frame" in content:
             content = _over(cls._guesses(path), _stated(content))
@@ -118,7 +118,7 @@ class Sheet(SheetTable):
             InvalidInput: its mass or the length of its arm is missing or invalid.
             UnknownName: there is no such frame.
         """
-        path = vehicle_files(vehicle).sheet
+        path = VehicleFiles.of(vehicle).sheet
         content = _read(path)
         if "frame" not in content:
             return []
@@ -236,7 +236,7 @@ def _apart(own: Any, other: Any) -> float:
 
 def _content(vehicle: str) -> dict[str, Any]:
     """The tables of an included vehicle's sheet."""
-    return tomllib.loads(InputFile(vehicle_files(vehicle).sheet).read().decode())
+    return tomllib.loads(InputFile(VehicleFiles.of(vehicle).sheet).read().decode())
 
 
 def _at(table: Any, places: Sequence[int | str]) -> Any:

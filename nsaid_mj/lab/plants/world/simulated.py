@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from ....core import Array, JointTree, SecondOrderSystem
-from ....robots import Looks, VisualMesh, of_geom
+from ....robots import Looks, VisualMesh
 from .coordinates import JointMap
 from .forces import ColumnForces, column_forces
 from .mismatch import Mismatch
@@ -27,7 +27,7 @@ class GeomLooks:
 
     def visuals(self) -> list[VisualMesh]:
         """All geoms as meshes."""
-        return [of_geom(self._model, i) for i in self._drawn]
+        return [VisualMesh.of_geom(self._model, i) for i in self._drawn]
 
     def poses(self, q: Array) -> tuple[Array, Array]:
         """World poses of the geoms at positions q (k, m); see `Looks`."""

@@ -28,6 +28,7 @@ from nsaid_mj.clinic.logs.unusable import UnusableLog
 from nsaid_mj.core import Log, Sums
 from nsaid_mj.lab import INTERVAL
 from nsaid_mj.robots import BadRobot, load_tree
+from tests.court.walking import drawn_walk
 
 from .walking import GAINS, Walked, model_text, rows_of, walked
 
@@ -309,6 +310,27 @@ def test_targets_of_held_servos_identify_stiffness_and_damping(tmp_path: Path) -
     np.testing.assert_allclose(damping, 4 * GAINS + 0.1, rtol=0.05)
     (said,) = [f for f in found.findings if f.code == "offset_at_step"]
     assert 0.2 < said.data["value"][0] < 0.8
+
+
+@pytest.mark.slow
+def test_torques_sampled_at_steps_of_targets_do_not_pass_for_rotors_and_friction(
+    tmp_path: Path,
+) -> None:
+    """Targets of a policy hold for 20 ms; a row has the torque after the step, as rows often do.
+
+    The loop follows between rows, so sampled torques differ from the mean ones by kp q̇ + kd q̈ times
+    half a row, as rotors of twice the size and fourfold friction would.
+    """
+    walk = drawn_walk(905, tmp_path, robot="go2", rate=200.0, hold=0.02, seconds=30.0)
+    mass = float(walk.truth["total_mass"])
+    found = identify(str(walk.model), [walk.log], known={"mass": mass})
+    assert "implied_law" in {finding.code for finding in found.findings}
+    for block, name in (("rotor inertia", "armature"), ("viscous friction", "viscous")):
+        parameters = found.of(block)
+        pairs = zip(parameters, walk.truth[name], strict=True)
+        assert sum(p.low <= true <= p.high for p, true in pairs) >= 11
+        excess = np.mean([p.value for p in parameters] / np.array(walk.truth[name])) - 1
+        assert abs(excess) < {"armature": 0.3, "viscous": 1.0}[name]
 
 
 def test_a_told_mass_far_from_the_files_is_said(log: Walked) -> None:

@@ -1,19 +1,14 @@
-"""Layout of the viewer: tabs of plots, the first of which is an overview of the run."""
+"""Pages of a run's recording: plots, and first an overview with the robot and the result."""
 
 from collections.abc import Sequence
-from typing import Any, Literal
 
-import rerun as rr
 import rerun.blueprint as rrb
 
 from ...core import Block, ParameterSpace
-from ..labels import ParameterGroup, groups
-from .lines import PALETTE, path
-from .plots import Plots
-from .scene import MARK, PATH, ROBOT, TRAIL, Camera
+from ...report import Camera, Plots
+from ..evaluation.labels import ParameterGroup, groups
 
 _LINKS_ON_A_PAGE = 3
-_MARK = (255, 255, 255)
 _ERROR = "Velocity error Δv: predicted − measured"
 _EXCITATION = "Persistence of excitation over a window [N·m·s]"
 _CHECKS = {
@@ -28,7 +23,7 @@ _CHECKS = {
 """Titles of the plots of theory and excitation, by entity."""
 
 
-def blueprint(
+def pages_of_run(
     space: ParameterSpace,
     camera: Camera | None,
     plots: Plots,
@@ -36,8 +31,8 @@ def blueprint(
     survey: Camera | None = None,
     drawn: str = "",
     shared: str = "",
-) -> rrb.Blueprint:
-    """Layout of a finished run, of the curves in its recording.
+) -> list[rrb.Container]:
+    """Pages of a finished run, of the curves in its recording.
 
     Without the truth, the first page compares predictions with measurements instead of showing
     distances.
@@ -78,11 +73,13 @@ def blueprint(
     ]
     theory = plots.grid(checks, 2 if len(checks) <= 6 else 3, "Theory and excitation")
     overview = _overview(camera, survey, drawn, views, plots)
-    return whole_blueprint(overview, *estimates(space, plots, judged), theory, verdicts())
+    return [overview, *estimates(space, plots, judged), theory, verdicts()]
 
 
-def live_blueprint(space: ParameterSpace, camera: Camera | None, drawn: str = "") -> rrb.Blueprint:
-    """Layout of a running run, without anything that needs the truth."""
+def pages_of_live_run(
+    space: ParameterSpace, camera: Camera | None, drawn: str = ""
+) -> list[rrb.Container]:
+    """Pages of a running run, without anything that needs the truth."""
     plots = Plots()
     views: list[rrb.View | rrb.Container] = [
         rrb.Vertical(
@@ -92,10 +89,8 @@ def live_blueprint(space: ParameterSpace, camera: Camera | None, drawn: str = ""
         )
     ]
     if camera is not None:
-        views.insert(0, robot_view(camera, drawn))
-    overview = rrb.Horizontal(*views, name="Overview")
-    pages = estimates(space, plots, judged=False)
-    return whole_blueprint(overview, *pages, play_state="following")
+        views.insert(0, camera.view(drawn))
+    return [rrb.Horizontal(*views, name="Overview"), *estimates(space, plots, judged=False)]
 
 
 def estimates(space: ParameterSpace, plots: Plots, judged: bool = True) -> list[rrb.Container]:
@@ -106,7 +101,7 @@ def estimates(space: ParameterSpace, plots: Plots, judged: bool = True) -> list[
     blocks = [block for block, _ in sorted(space, key=lambda item: not item[0].actuator)]
     links = [b for b in blocks if b.geometry == "pseudo_inertia"]
     links = links if len(links) > 1 else []  # a single body is an ordinary block
-    large = [b for b in blocks if len(b) > len(PALETTE) and b not in links]
+    large = [b for b in blocks if len(b) > Plots.MOST and b not in links]
     small = [b for b in blocks if b not in links + large]
     found = groups(space)
 
@@ -127,72 +122,6 @@ def estimates(space: ParameterSpace, plots: Plots, judged: bool = True) -> list[
     return pages
 
 
-def robot_view(camera: Camera, name: str) -> rrb.Spatial3DView:
-    """The robot above the ground grid; the most recent part of a vehicle's path is bright."""
-    since = rr.TimeRangeBoundary.cursor_relative(seconds=-camera.trail)
-    return _space(
-        camera,
-        name,
-        {
-            PATH: _period(rr.TimeRangeBoundary.infinite(), since),
-            TRAIL: _period(since, rr.TimeRangeBoundary.cursor_relative()),
-        },
-    )
-
-
-def way(camera: Camera) -> rrb.Spatial3DView:
-    """A vehicle's path so far, and a mark at its position."""
-    return _space(
-        camera,
-        f"Path, grid of {camera.grid:g} m",
-        {
-            TRAIL: [
-                _period(rr.TimeRangeBoundary.infinite(), rr.TimeRangeBoundary.cursor_relative()),
-                rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(1.5)),
-            ],
-            MARK: [rr.Points3D.from_fields(radii=rr.Radius.ui_points(5.0), colors=[_MARK])],
-        },
-        [f"/{TRAIL}", f"/{MARK}"],
-    )
-
-
-def _space(
-    camera: Camera,
-    name: str,
-    overrides: dict[str, Any],
-    contents: Sequence[str] = (f"/{ROBOT}/**", f"-/{MARK}"),
-) -> rrb.Spatial3DView:
-    return rrb.Spatial3DView(
-        origin="/",
-        contents=list(contents),
-        name=name,
-        background=rrb.Background(color=(27, 32, 41)),
-        line_grid=rrb.LineGrid3D(
-            visible=True,
-            spacing=camera.grid,
-            plane=rr.components.Plane3D.XY.with_distance(camera.ground),
-            stroke_width=1.0,
-            color=(90, 100, 120, 120),
-        ),
-        eye_controls=rrb.EyeControls3D(
-            kind=rrb.Eye3DKind.Orbital,
-            position=camera.position,
-            look_target=camera.target,
-            tracking_entity=camera.follows or None,
-        ),
-        overrides={f"/{entity}": override for entity, override in overrides.items()},
-    )
-
-
-def _period(start: rr.TimeRangeBoundary, end: rr.TimeRangeBoundary) -> rrb.VisibleTimeRanges:
-    return rrb.VisibleTimeRanges(timeline="sim_time", start=start, end=end)
-
-
-def result_view(name: str = "Result") -> rrb.TextDocumentView:
-    """The panel with the result as text."""
-    return rrb.TextDocumentView(origin="/result", name=name)
-
-
 def verdicts() -> rrb.Horizontal:
     """The page with the paper's statements, and with what cannot be known."""
     return rrb.Horizontal(
@@ -210,22 +139,13 @@ def _overview(
     plots: Plots,
 ) -> rrb.Horizontal:
     """The first page: robot and result on the left, the main plots on the right."""
-    left: list[rrb.View | rrb.Container] = [result_view()]  # wide enough for its table
+    # the result is wide enough for its table
+    left: list[rrb.View | rrb.Container] = [rrb.TextDocumentView(origin="/result", name="Result")]
     if camera is not None:
-        left.insert(0, robot_view(camera, drawn))
+        left.insert(0, camera.view(drawn))
     if survey is not None:
-        left[0] = rrb.Horizontal(left[0], way(survey), column_shares=[3, 2])
-    return views_beside(left, plots.column(story), "Overview", [3, 2])
-
-
-def views_beside(
-    left: Sequence[rrb.View | rrb.Container], right: rrb.Container, name: str, shares: list[float]
-) -> rrb.Horizontal:
-    """A page with robot and texts, `shares` of its height each, on the left of its plots."""
-    if not left:
-        return rrb.Horizontal(right, name=name)
-    column = rrb.Vertical(*left, row_shares=shares[: len(left)])
-    return rrb.Horizontal(column, right, column_shares=[1 - Plots.RIGHT, Plots.RIGHT], name=name)
+        left[0] = rrb.Horizontal(left[0], survey.way(), column_shares=[3, 2])
+    return Plots.beside(left, plots.column(story), "Overview", [3, 2])
 
 
 def _driven(space: ParameterSpace) -> list[ParameterGroup]:
@@ -238,20 +158,4 @@ def _estimate(
     plots: Plots, group: ParameterGroup, judged: bool, width: float
 ) -> rrb.TimeSeriesView:
     true = "; true direction (pale)" if judged else ""
-    return plots(path(*group.key), f"Estimate of {group.title}{true}", width)
-
-
-def whole_blueprint(
-    *pages: rrb.Container, play_state: Literal["playing", "following"] = "playing"
-) -> rrb.Blueprint:
-    """Pages as tabs, the first one open, without the viewer's panels."""
-    return rrb.Blueprint(
-        rrb.Tabs(*pages, active_tab=0),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(
-            state="collapsed", timeline="sim_time", play_state=play_state, loop_mode="all"
-        ),
-        auto_views=False,
-        auto_layout=False,
-    )
+    return plots(Plots.entity(*group.key), f"Estimate of {group.title}{true}", width)

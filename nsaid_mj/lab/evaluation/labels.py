@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core import Indices, ParameterSpace
+from ...core import Indices, ParameterSpace
 
 
 @dataclass(frozen=True)
