@@ -25,6 +25,7 @@ _RANGED = ("revolute", "prismatic")
 _KINDS = (*_RANGED, "continuous", "fixed", "floating", "planar")
 _CORRECT = "Correct the URDF."
 _MOST_LINKS = 2000  # per robot; the equations of more would not fit into memory
+_WORLD = "world"  # the name of the link that does not move, in Drake and SDFormat
 
 
 def check_urdf(path: Path, root: Element) -> None:
@@ -53,7 +54,13 @@ def check_urdf(path: Path, root: Element) -> None:
 
 
 def _check_tree(path: Path, root: Element) -> None:
-    """Checks that the joints connect the links to one tree."""
+    """Checks that the joints connect the links to one tree.
+
+    A parent `world` that is not among the links is added: Drake and SDFormat have it built in.
+    """
+    parents = {end_of(joint, "parent") for joint in root.findall("joint")}
+    if _WORLD in parents and all(link.get("name") != _WORLD for link in root.findall("link")):
+        SubElement(root, "link", name=_WORLD)
     links = [link.get("name", "") for link in root.findall("link")]
     above = {}
     if not links:

@@ -37,6 +37,14 @@ def test_joints_friction_and_limits_come_from_the_file(load):
     assert model.findings == ()
 
 
+def test_a_world_that_is_not_among_the_links_is_the_one_that_does_not_move(load):
+    weld = joint("weld", "world", "base", kind="fixed")
+    model = load(chain(more=[weld]))
+    assert model.joints == ("joint_1", "joint_2", "joint_3")
+    with pytest.raises(BadRobot, match="parent link 'wrld' does not exist"):
+        load(chain(more=[weld.replace("world", "wrld")]))
+
+
 def test_the_dynamics_are_pinocchios(load, tmp_path):
     ours = load(chain()).model
     theirs = pin.buildModelFromUrdf(str(tmp_path / "arm.urdf"))

@@ -308,6 +308,8 @@ def _next(chosen: ToInspect, found: Inspection, files: Sequence[Path]) -> list[s
     word = "inspect" if refused else "identify"
     words = ["nsaid", word, *map(str, chosen.logs), "--model", chosen.model]
     words += ["--map", str(own)] if own else []
+    words += ["--lock", chosen.lock] if chosen.lock else []
+    words += ["--joints", chosen.joints] if chosen.joints else []
     first = f"complete {own}, then " if refused and own else ""
     return ["", f"Next: {first}{shlex.join(words)}"]
 

@@ -39,7 +39,7 @@ from .result import (
     statistics_of,
 )
 from .vehicle_loads import carried_by
-from .verdict import GOOD, verdict
+from .verdict import GOOD, UNPHYSICAL, only_unbounded, verdict
 
 _FOLDS = 5
 _BY_LOAD = ", or weigh a load that one of two logs carries: --load."
@@ -162,8 +162,9 @@ def _judged(
     checked = [np.nan if joint.validation is None else joint.validation for joint in joints]
     worse = np.where(np.isnan(held_out), np.nan, np.fmax(held_out, checked))
     unexplained = structure_checks(tuple(joint.name for joint in joints), worse)
+    foreign = unphysical(joints) if arm else []
     base = np.array([joint.name.startswith("base ") for joint in joints])
-    others = [f.where for f in unexplained if not f.where.startswith("base ")]
+    others = [f.where for f in (*foreign, *unexplained) if not f.where.startswith("base ")]
     if others:
         share = _doubted(problem, others, arm)
         structure = np.vstack([exact.structure, np.diag(exact.theta * share)])
@@ -171,7 +172,7 @@ def _judged(
     if (worse[base] >= GOOD).any():
         structure = np.vstack([exact.structure, _without_each(fitted, base)])
         exact = exact._replace(structure=structure)
-    return [*found, *unexplained], exact
+    return [*found, *foreign, *unexplained], exact
 
 
 def _without_each(fitted: BatchFit, base: Mask) -> Array:
@@ -332,6 +333,35 @@ def structure_checks(names: tuple[str, ...], held_out: Array) -> list[Finding]:
     ]
 
 
+def unphysical(joints: Sequence[JointStructure]) -> list[Finding]:
+    """Joints whose commands least squares predict far better than possible masses and frictions.
+
+    A command that only compensates weight while a hand moves the robot is a function of its
+    position, without inertia, or with a negative one.
+    """
+    text = (
+        "no possible masses and frictions predict its command as well as least squares without "
+        "bounds, {:.2g} % against {:.2g} %: another force than the logged one moved the joint, "
+        "such as a hand, or its zero or axis is not the model's"
+    )
+    return [
+        Finding(
+            "warning",
+            UNPHYSICAL,
+            joint.name,
+            text.format(100 * joint.held_out, 100 * joint.least_squares),
+            _OF_OTHERS,
+            {"nrmse": joint.held_out, "least_squares": joint.least_squares},
+        )
+        for joint in joints
+        if only_unbounded(joint)
+    ]
+
+
+_OF_OTHERS = (
+    "Record a motion that its motor makes, without anything that touches the robot; check zero, "
+    "sign and axis of the joint."
+)
 _OF_JOINT = (
     "Check its axis in the model, its unit and sign in the map, and whether anything touched the "
     "robot."

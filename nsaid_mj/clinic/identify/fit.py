@@ -16,7 +16,8 @@ tr P₀⁻¹P − log det P₀⁻¹P, which over all multiples of P is minimal w
 shape is changed by the log has eigenvalues of P₀⁻¹P on both sides of 1, whose mean grows with the
 change; the scale would therefore decrease with the information on shapes. D₀(θ/σ) is the same for
 all multiples of θ, so that σ = 1 at the minimum for any rows, unless a known value or a stated
-command determines it. Those are not divided by σ.
+command determines it. Those are not divided by σ. Friction that was guessed from a command whose
+gain is a guess, too, is divided by that gain's change instead: it is no evidence of the gain.
 
 Gauss–Newton steps, each within half a Dikin ellipsoid and halved until J falls,
 keep every estimate physical.
@@ -80,7 +81,10 @@ class ConePrior:
         """(s,) logarithms of the sizes of θ over those of θ̂(0); (p,) that of each prior value."""
         weights = self._size.weights
         sizes = np.log(weights @ theta / (weights @ self._start))
-        return sizes, np.where(self._size.stated, 0.0, sizes[self._size.limb])
+        change = np.where(self._size.stated, 0.0, sizes[self._size.limb])
+        at, gain = self._size.by_gain()
+        change[at] = np.log(theta[gain] / self._start[gain])
+        return sizes, change
 
     def _deviations(self, theta: Array) -> Array:
         """(p + s,) standardised deviations of single parameters and of the sizes."""
@@ -114,6 +118,9 @@ class ConePrior:
         slopes = self._size.slopes(theta)
         # (p, p) derivatives of the logarithms of the sizes to which prior values are relative
         changes = np.where(self._size.stated[:, None], 0.0, slopes[self._size.limb])
+        at, gain = self._size.by_gain()
+        changes[at] = 0.0
+        changes[at, gain] = 1 / theta[gain]
         at = self.positive
         rows = -changes
         rows[at, at] += 1 / theta[at]
@@ -300,7 +307,8 @@ def precision(problem: FitProblem, fit: Fit, share: Array) -> Precision:
         apart = np.array(estimates) - np.mean(estimates, axis=0)
         apart *= np.sqrt((len(estimates) - 1) / len(estimates))
     before = np.zeros(len(scale))
-    held = np.flatnonzero(np.diag(prior) > 0)
+    told = problem.known & np.isin(np.arange(len(scale)), problem.space.actuators)
+    held = np.flatnonzero((np.diag(prior) > 0) & ~told)
     unit = 1 / np.sqrt(np.diag(prior)[held])
     inner = prior[np.ix_(held, held)] * np.outer(unit, unit)
     before[held] = unit * np.sqrt(np.diag(scipy.linalg.inv(inner)))

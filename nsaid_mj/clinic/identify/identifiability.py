@@ -15,7 +15,7 @@ from ...base import Finding, InvalidInput, UnknownName
 from ...core import Array, ParameterSpace, number
 from ...lab import INTERVAL
 from ...report import Parameter, Status
-from .choose.columns import COLUMNS
+from .choose.columns import COLUMNS, HELD
 from .fit import Combinations, Fit, Precision, combinations
 from .problem import FitProblem, Mask
 from .result import Combination
@@ -25,7 +25,8 @@ _NARROWED = 0.6  # deviation of a relative gain over the prior's, below which it
 _SHARP = 0.05  # relative deviations below and above which the prior does not matter
 _BLUNT = 0.1
 _ABSOLUTE = 0.5  # relative half-width beyond which a gain's own value is not identified
-_NOTHING = float(np.log(1000.0))  # half an interval of ln θ beyond which it says nothing
+NOTHING = float(np.log(1000.0))
+"""Half an interval of ln θ beyond which it says nothing."""
 _TERMS = 6  # terms of a combination that are written out
 _TRADED = " over its gain"  # of a gain that its joint's friction may stand for
 
@@ -49,9 +50,9 @@ def parameters_in_words(
     for index, (name, label, block, unit) in enumerate(rows):
         value = float(fit.theta[index])
         sd = float(deviation[index])
-        low, high = interval(value, sd, value > 0 and not signed[index])
-        if block == COLUMNS["load"].block:  # beyond 1, the load alone would hold the joint
-            high = max(min(high, 1.0), value)
+        low, high = interval(value, sd, value > 0 and not signed[index], space.scale[index])
+        if block == COLUMNS["load"].block:
+            high = max(min(high, HELD), value)
         relative = None
         others = "gains"
         if index in gains:
@@ -94,12 +95,17 @@ def _positive(space: ParameterSpace) -> Mask:
     return np.asarray(found)
 
 
-def interval(value: float, sd: float, positive: bool) -> tuple[float, float]:
-    """The 95 % interval; of a `positive` value a factor, from 0 to infinity if it says nothing."""
+def interval(value: float, sd: float, positive: bool, usual: float) -> tuple[float, float]:
+    """The 95 % interval; of a `positive` value a factor, from 0 to infinity if it says nothing.
+
+    One of either sign says nothing if it is as much wider than both the value and its `usual` size.
+    """
     half = INTERVAL * sd
     if not positive:
+        if half > np.exp(NOTHING) * max(abs(value), abs(usual)):
+            return -np.inf, np.inf
         return value - half, value + half
-    if half > _NOTHING * value:
+    if half > NOTHING * value:
         return 0.0, np.inf
     factor = float(np.exp(half / value))
     return value / factor, value * factor
@@ -277,7 +283,7 @@ class Scale(NamedTuple):
     @property
     def bounds(self) -> str:
         """How well absolute values hold."""
-        if INTERVAL * self.deviation > _NOTHING:
+        if INTERVAL * self.deviation > NOTHING:
             return "absolute values are not determined"
         return f"absolute values only to a factor of {self.factor:.2g}"
 
@@ -349,6 +355,8 @@ def with_known(problem: FitProblem, known: Mapping[str, float]) -> FitProblem:
             raise InvalidInput(name, expected, value, f"Its unit is {space.units[index]}.")
         if mass:
             prior[place] *= value / prior[index]  # scale the whole link, which stays physical
+        at, gains = problem.size.by_gain()
+        prior[at[gains == index]] *= value / prior[index]
         prior[index] = value
         fixed[index] = True
     return replace(problem, prior=prior, known=fixed)

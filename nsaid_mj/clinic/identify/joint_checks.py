@@ -114,6 +114,7 @@ def _guessed(rows: JointRows, commands: Array) -> Array:
 _SWAPPED = 0.7  # ratio of held-out errors below which another command fits a joint better
 _UNIT = 20.0  # ratio of stated to needed forces that suggests another unit
 _ENOUGH = 50.0  # rows per second from which stated intervals hold
+_DEPENDENT = 1e-6  # singular value, over the largest, of a combination that does not act
 _ROWS = 3.0  # usable rows per column that a joint needs
 
 
@@ -130,7 +131,10 @@ def fit_checks(rows: JointRows, choice: Choice) -> list[Finding]:
     """Finds too few rows, and swapped commands, by least squares of each joint's own row."""
     names = rows.robot.joints
     counts = rows.usable.sum(axis=0).tolist()
-    needed = [int(_ROWS * (10 + len(columns))) for columns in choice.columns]
+    needed = [
+        int(_ROWS * (min(10, _rank(rows, j)) + len(columns)))
+        for j, columns in enumerate(choice.columns)
+    ]
     own = rows.robot.independent
     short = [j for j in own if counts[j] < needed[j]]
     level = "warning" if len(short) < len(own) else "refusal"
@@ -141,6 +145,12 @@ def fit_checks(rows: JointRows, choice: Choice) -> list[Finding]:
         data = {"rows": counts[j], "needed": needed[j]}
         found.append(Finding(level, "short_log", names[j], text, remedy, data))
     return [*found, *_swapped(rows, choice, rows.commands(choice.delay), names, short)]
+
+
+def _rank(rows: JointRows, joint: int) -> int:
+    """How many combinations of the links' parameters act on a joint: 3 on a pendulum."""
+    own = rows.links[rows.usable[:, joint], joint]
+    return int(np.linalg.matrix_rank(own, rtol=_DEPENDENT)) if len(own) else 10
 
 
 def _swapped(

@@ -188,10 +188,13 @@ class JointRows(Rows):
         found[:, list(coupling.leaders)] = np.einsum("jk,njp->nkp", coupling.ratio, rows)
         return found
 
-    def leading(self, lead: float) -> JointRows:
-        """The rows with dry friction that turns so long [s] before the velocity does."""
+    def turning(self, lead: float = 0.0, slower: float = 1.0) -> JointRows:
+        """The rows with dry friction that turns so long [s] before the velocity does, or slower.
+
+        Its speeds are `slower` times those of `SPEEDS`.
+        """
         found = copy.copy(self)
-        found.motions = [motion._replace(v=motion.v + lead * motion.a) for motion in self.motions]
+        found.motions = [m._replace(v=(m.v + lead * m.a) / slower) for m in self.motions]
         found.diagonal = Diagonal(found._fastened)
         same = [name for name in self.diagonal if name not in FASTENED]
         found.diagonal.update({name: self.diagonal[name] for name in same})
@@ -287,9 +290,27 @@ class JointRows(Rows):
                 limbs_of(model)[[loaded.get(name, joint_of(name)) for name in space.names]],
                 WEIGHTLESS if self.robot.weightless else FILE,
                 stated,
+                self._by_gain(space),
             ),
             self._inertia(space) if len(passive) else None,
         )
+
+    def _by_gain(self, space: ParameterSpace) -> Indices:
+        """(p,) the guessed gain from which a joint's own prior values were guessed, −1 of none."""
+        found = np.full(len(space), -1)
+        own = {COLUMNS[name].letter: of for name, of in self._nominal().items()}
+        letters = {column.letter for column in COLUMNS.values()}
+        for joint in np.intersect1d(self.driven, np.flatnonzero(self.spread > TRUSTED)).tolist():
+            for letter in letters:
+                name = f"{letter}_{joint + 1}"
+                if name in space.names and not (letter in own and own[letter][joint] > 0):
+                    found[space.index(name)] = space.index(f"gain_{joint + 1}")
+        return found
+
+    def _nominal(self) -> dict[str, Array]:
+        """(n,) values of the model file of columns that it may have."""
+        robot = self.robot
+        return {"rotor": robot.rotor, "viscous": robot.damping, "coulomb": robot.friction}
 
     def terms(self, space: ParameterSpace, choice: Choice) -> tuple[list[Column], list[Rotor]]:
         """The columns and rotors that a choice adds to the robot's links, motors included."""
@@ -335,7 +356,7 @@ class JointRows(Rows):
         """Rotors, friction, springs and offsets; force (k,) is typical of each joint."""
         robot = self.robot
         n = len(self.robot.joints)
-        nominal = {"rotor": robot.rotor, "viscous": robot.damping, "coulomb": robot.friction}
+        nominal = self._nominal()
         for name, column in COLUMNS.items():
             joints = [j for j in range(n) if name in choice.columns[j]]
             if not joints:

@@ -28,10 +28,20 @@ class Size(NamedTuple):
     limb: Indices  # (p,) the limb of every parameter
     deviation: float  # standard deviation of log(w_kᵀθ / w_kᵀθ̂(0))
     stated: Mask  # (p,) whether a prior value is absolute; others are relative to their limb's size
+    # (p,) index of the gain to which a prior value is relative instead, −1 of none; None: all are
+    # not. Friction guessed from a command is wrong by the factor by which the command's gain is.
+    gain: Indices | None = None
 
     def slopes(self, theta: Array) -> Array:
         """(s, p) derivatives of the logarithms of the sizes at θ (p,)."""
         return self.weights / (self.weights @ theta)[:, None]
+
+    def by_gain(self) -> tuple[Indices, Indices]:
+        """Indices of the parameters whose prior values are relative to a gain, and of the gains."""
+        if self.gain is None:
+            return np.zeros(0, np.intp), np.zeros(0, np.intp)
+        at = np.flatnonzero(self.gain >= 0)
+        return at, self.gain[at]
 
 
 def size_weights(columns: Array, theta: Array) -> Array:

@@ -21,12 +21,21 @@ CONTRADICTED = "contradicted"
 """Code of findings that a log contradicts what the user told."""
 FOOT_ELSEWHERE = "offset_foot"
 """Code of findings that a foot touches the ground elsewhere than the model file says."""
+UNPHYSICAL = "unphysical"
+"""Code of findings that no possible masses and frictions explain a joint's motion."""
 _CONFIRM = "Confirm it on a log of another motion: --validate."
 GOOD = 0.2
 """Held-out NRMSE up to which a structure explains a motion."""
+_ROUGH = 0.1  # error above which it is compared with that of least squares without bounds
+_UNBOUNDED = 3.0  # their ratio from which no possible masses and frictions explain the motion
 _FAIR = 0.5  # above which it does not
 _NOISE = 1.5  # error over that of the command's own noise, which no structure can predict
 _OF_MOTOR = 0.3  # error over a motor's largest force, above which it explains nothing of use
+
+
+def only_unbounded(joint: JointStructure) -> bool:
+    """Whether least squares without physical bounds predict a joint far better than the fit."""
+    return joint.held_out > _ROUGH and joint.held_out > _UNBOUNDED * joint.least_squares
 
 
 class JudgedPart(NamedTuple):
@@ -70,6 +79,7 @@ def verdict(
     told = [f for f in findings if f.code == CONTRADICTED]
     doubts = [f for f in findings if f.code == "residuals" and f.level == "warning"]
     elsewhere = [f for f in findings if f.code == FOOT_ELSEWHERE]
+    foreign = [f for f in findings if f.code == UNPHYSICAL]
     unfixed = scale is not None and not scale.fixed
     clauses = [_capital(told[0]) if told else sentence.removesuffix(".")]
     if doubts and not told and explains != "no":
@@ -79,12 +89,14 @@ def verdict(
     if elsewhere and not told and explains != "no":
         names = ", ".join(dict.fromkeys(f.where for f in elsewhere))
         clauses.append(f"the ground is touched elsewhere than the model file says, by {names}")
+    if foreign and not told and explains != "no":
+        clauses.append(f"{foreign[0].where}: {foreign[0].text.partition(', ')[0]}")
     if unfixed and not told and explains != "no":
         assert scale is not None
         each = f" within each of the {scale.limbs} limbs" if scale.limbs > 1 else ""
         clauses.append(f"ratios of parameters hold{each}, {scale.bounds}")
     sentence = f"{'; '.join(clauses)}."
-    if told or doubts or elsewhere or unfixed:
+    if told or doubts or elsewhere or foreign or unfixed:
         explains = "no" if explains == "no" else "partly"
     remedy = next(_remedies(told, [*doubts, *elsewhere], findings, scale), "")
     if explains == "yes" and all(joint.validation is None for joint in joints):
@@ -99,7 +111,7 @@ def _remedies(
     scale: Scale | None,
 ) -> Iterator[str]:
     """What to do, the most urgent first."""
-    unexplained = [f for f in findings if f.code == "unexplained"]
+    unexplained = [f for f in findings if f.code in (UNPHYSICAL, "unexplained")]
     by_share = sorted(doubts, key=lambda f: -float(str(f.data.get("share", 0.0))))
     own = {f.where for f in unexplained}
     causes = [f for f in by_share if f.where in own]
@@ -167,6 +179,7 @@ def _judged(joint: JointStructure) -> JudgedPart:
     error = float(np.fmax(joint.held_out, checked))
     motor = _OF_MOTOR * joint.limit / joint.force if joint.force > 0 else np.inf
     good = min(max(GOOD, _NOISE * joint.noise), motor, _FAIR)
+    good = _ROUGH if only_unbounded(joint) else good
     return JudgedPart(joint.name, error, good, _FAIR)
 
 

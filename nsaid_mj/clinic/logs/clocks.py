@@ -159,7 +159,9 @@ _SPREAD = 0.1  # half the spread of intervals, 5 % to 95 %, over their median fr
 _SMOOTHER = 0.8  # ratio of roughness below which positions are on the regular clock
 _MOST_LOST = 0.2  # share of lost rows above which there is no regular clock
 _SURE = 0.2  # deviation of a count of periods, from the positions' steps, up to which it is sure
-_MISSED = 20  # lost rows, at most, that positions at rest do not show
+_COARSE = 2.0  # usual step, in those of the sensor, from which no step at all is no reading
+_BESIDE = 4  # rows on either side from which the usual step is taken
+_MISSED = 100  # lost rows, at most, that positions at rest do not show
 _RARE = 12.0  # cost of such a row, in squares of deviations
 
 
@@ -186,12 +188,12 @@ def regular(t: Array, positions: Sequence[Array]) -> Regular | None:
     typical = float(np.median(steps))
     if typical <= 0 or high - low < 2 * _SPREAD * typical or np.abs(steps).max() > 1.0:
         return None
-    count = np.r_[0, np.cumsum(_periods(np.column_stack(positions)))]
-    lagged = (t[_LAG:] - t[:-_LAG]) / (count[_LAG:] - count[:-_LAG])
+    count = np.r_[0, np.cumsum(_periods(t, np.column_stack(positions)))]
+    lagged = (t[_LAG:] - t[:-_LAG]) / np.maximum(count[_LAG:] - count[:-_LAG], 1)
     count = count + _unseen(t - float(np.median(lagged)) * count, float(np.median(lagged)))
     period, start = np.polyfit(count, t, 1)
     even = start + period * count
-    lost = int(count[-1]) + 1 - len(t)
+    lost = int(np.maximum(np.diff(count) - 1, 0).sum())
     if lost > _MOST_LOST * len(t) or period <= 0:
         return None
     ratios = [_roughness(even, x) / max(_roughness(t, x), 1e-300) for x in positions]
@@ -200,22 +202,27 @@ def regular(t: Array, positions: Sequence[Array]) -> Regular | None:
     return Regular(even, float(period), lost, float(np.std(t - even)))
 
 
-def _periods(x: Array) -> np.ndarray:
-    """(N − 1,) periods between rows, from the steps of positions x (N, k) beside their neighbours'.
+def _periods(t: Array, x: Array) -> np.ndarray:
+    """(N − 1,) periods between rows, from the steps of positions x (N, k) to the usual one.
 
-    1 where the positions move too slowly to tell.
+    The usual step is that of the rows around, with stamps t (N,) [s]. 0 where all positions of a
+    moving robot repeat: the row was written before the sensor's next reading. 1 where they move too
+    slowly to tell.
     """
     steps = np.diff(x, axis=0)
-    padded = np.pad(steps, ((2, 2), (0, 0)), mode="edge")
-    beside = np.stack([padded[:-4], padded[1:-3], padded[3:-1], padded[4:]])
-    usual = np.median(beside, axis=0)
+    rows = np.arange(len(steps))
+    first = np.maximum(rows - _BESIDE, 0)
+    last = np.minimum(rows + 1 + _BESIDE, len(steps))
+    speed = (x[last] - x[first]) / np.maximum(t[last] - t[first], 1e-9)[:, None]
+    usual = speed * np.median(np.diff(t))
     noise = np.median(np.abs(np.diff(steps, 2, axis=0)), axis=0) / 0.6745
     resolved = np.where(steps != 0, np.abs(steps), np.inf).min(axis=0)  # inf where nothing moves
     weight = usual / np.maximum(noise, resolved / np.sqrt(12)) ** 2
     information = np.maximum(np.sum(weight * usual, axis=1), 1e-300)
     found = np.sum(weight * steps, axis=1) / information
     sure = information**-0.5 < _SURE
-    return np.where(sure, np.clip(np.round(found), 1, 50), 1).astype(int)
+    repeats = np.all(steps == 0, axis=1) & np.any(np.abs(usual) > _COARSE * resolved, axis=1)
+    return np.where(sure, np.clip(np.round(found), np.where(repeats, 0, 1), 50), 1).astype(int)
 
 
 def _unseen(shift: Array, period: float) -> np.ndarray:

@@ -311,8 +311,9 @@ _PART = frozenset({"joint", "motor", "axis", "actuator", "servo", "drive", "j", 
 def apart(mapping: Map | None, robot: RobotModel, tables: Sequence[LogTable]) -> list[LogTable]:
     """The tables, with `FILE/COLUMN` for columns of equal names in several files where needed.
 
-    It is if the map has such names, or if only such names tell the joints apart: files that are
-    called after the joints (`elbow.csv`, `motor_2.csv`).
+    It is if the map has such names, or if only such names tell targets from measurements, as in
+    `control.csv` beside `state.csv`, or the joints apart: files that are called after the joints
+    (`elbow.csv`, `motor_2.csv`).
     """
     named = told_apart(tables)
     added = set(channel_names(named)) - set(channel_names(tables))
@@ -323,6 +324,8 @@ def apart(mapping: Map | None, robot: RobotModel, tables: Sequence[LogTable]) ->
         used |= {column.column for column in mapping.actuators.values()}
         used |= {*(mapping.vehicle.columns if mapping.vehicle else ())}
         return named if used & added else list(tables)
+    if robot.jointed and _are_of_targets(tables):
+        return named
     if not robot.jointed or not all(_of_a_joint(table.source, robot) for table in tables):
         return list(tables)
     try:
@@ -330,6 +333,16 @@ def apart(mapping: Map | None, robot: RobotModel, tables: Sequence[LogTable]) ->
     except UnmatchedChannels:
         return named
     return list(tables)
+
+
+def _are_of_targets(tables: Sequence[LogTable]) -> bool:
+    """Whether some files are called after targets, and have fewer columns than the others."""
+    wanted: set[str] = set()
+    measured: set[str] = set()
+    for table in tables:
+        own = wanted if matching.says_targets(table.source.partition(".")[0]) else measured
+        own |= set(table.channels)
+    return bool(wanted) and wanted < measured
 
 
 def _columns(joint: Joint) -> list[ColumnMap]:

@@ -34,6 +34,7 @@ _OTHER = _set(
 _WANTED = _set("target desired des cmd command commanded ref reference setpoint goal sp")
 _FORWARD = _set("ff feedforward forward")
 _TARGET = _WANTED | {"action"}
+_CONTROL = _set("control ctrl")  # with a word of positions they are targets, alone they are forces
 _MEASURED = _set("actual measured meas act fb feedback present real state")
 _NAMES = {"position": "position", "velocity": "velocity", "command": "torque or current"}
 
@@ -202,7 +203,10 @@ def _targets(channels: Iterable[str], joints: Sequence[str]) -> dict[str, dict[s
     others = _OTHER | WORDS["velocity"] | (WORDS["command"] - {"cmd", "command"})
     for channel in channels:
         joint, rest = _joint_of(words(channel), joints)
-        if joint and set(rest) & _TARGET and not set(rest) & others:
+        said = set(rest)
+        if said & WORDS["position"]:
+            said = said - _CONTROL | ({"target"} if said & _CONTROL else set())
+        if joint and said & _TARGET and not said & others:
             groups[" ".join(rest)].setdefault(joint, channel)
     return groups
 
@@ -225,14 +229,22 @@ def _lacking(quantity: Quantity, channels: Iterable[str], joints: Sequence[str])
 
 
 def _fewer(channels: Iterable[str], joints: Sequence[str]) -> list[str]:
-    """The joints covered by the log according to its names, if these are not all joints."""
+    """How to lock the joints that the log does not cover according to its names or numbers."""
     named: dict[Quantity, set[str]] = {quantity: set() for quantity in WORDS}
+    counts: dict[Quantity, int] = dict.fromkeys(WORDS, 0)
     for (quantity, _, _), members in _members(channels, joints).items():
         named[quantity] |= set(members)
+        counts[quantity] = max(counts[quantity], sum(key.isdigit() for key in members))
     own = [j for j in joints if j in named["position"] and j in named["command"]]
-    if not own or any(j in set().union(*named.values()) for j in set(joints) - set(own)):
+    if any(j in set().union(*named.values()) for j in set(joints) - set(own)):
         return []
-    return [f"If all other joints stood still, `--joints {','.join(own)}` locks them."]
+    if own:
+        return [f"If all other joints stood still, `--joints {','.join(own)}` locks them."]
+    first = counts["position"]
+    if first != counts["command"] or not 1 < first < len(joints):
+        return []
+    text = f"If the channels are the first {first} joints, and the others, as those of a gripper, "
+    return [f"{text}stood still, `--lock {','.join(joints[first:])}` holds these."]
 
 
 def candidates(
@@ -335,7 +347,8 @@ def read(channel: str, joints: Sequence[str]) -> tuple[tuple[Quantity, str, int]
     if quantity is None:
         return None
     spare = said - ({"cmd", "command"} if quantity == "command" and not said - _WANTED else set())
-    rank = 2 if spare & _WANTED else 0 if spare & _MEASURED else 1
+    wanted = _WANTED | _CONTROL if quantity == "position" else _WANTED
+    rank = 2 if spare & wanted else 0 if spare & _MEASURED else 1
     return (quantity, " ".join(rest), rank), joint
 
 
@@ -351,6 +364,11 @@ def quantity_of(said: set[str], rest: Sequence[str]) -> Quantity | None:
     if said & WORDS["position"]:
         return "position" if not said & {"torque", "tau", "effort"} else None
     return "command" if said & WORDS["command"] else None
+
+
+def says_targets(name: str) -> bool:
+    """Whether the name of a file says that it holds what was wanted, not what was measured."""
+    return bool(set(words(name)) & (_TARGET | _CONTROL | _set("commands targets actions")))
 
 
 def free_joint(channels: Iterable[str]) -> tuple[list[str], list[str]] | None:

@@ -146,9 +146,11 @@ def _robust_fit(rows: Array) -> tuple[Array, float]:
     if len(y) < _FEW or not rows.any(axis=0).all():
         return np.zeros(X.shape[1]), 0.0
     weights = np.ones(len(y))
+    found = np.zeros(X.shape[1])
+    left = y
     for _ in range(20):
         normal = X.T @ (weights[:, None] * X)
-        found = np.linalg.lstsq(normal, X.T @ (weights * y), rcond=None)[0]
+        found = np.asarray(np.linalg.lstsq(normal, X.T @ (weights * y), rcond=None)[0], float)
         left = y - X @ found
         spread = max(1.5 * float(np.median(np.abs(left))), 1e-12)
         weights = 1 / (1 + (left / spread) ** 2)

@@ -89,6 +89,8 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
     if robot.jointed:
         made, said = _without_dead_velocities(made, recordings)
         findings += said
+        if made.pd is None and (magnitudes := _magnitudes(made, recordings)):
+            raise UnusableLog((*findings, *magnitudes))
         if made.imu is not None and held_still(made.imu, recordings):
             made = made._replace(imu=None)
             text = "the IMU does not turn: the robot is taken to hang on a stand"
@@ -164,6 +166,18 @@ def _cleaned(
         where = f"{log.source}, {few}"
         findings.append(Finding("refusal", "dead_channel", where, text, remedy))
     return cleaned
+
+
+def _magnitudes(made: Layout, recordings: Sequence[LogTable]) -> list[Finding]:
+    """The refusal of commands of which none ever changes its sign."""
+    names = [source.column.column for source in made.commands if source]
+    if not signals.without_signs([values_of(name, recordings) for name in names]):
+        return []
+    text = "the commands have no signs: none ever changes its sign, and all are 0 again and again, "
+    text += "as magnitudes of currents or loads are"
+    remedy = "Record them with their signs. Of position servos, give the targets instead, in "
+    remedy += "columns or a file called so (`target_1`, `control.csv`), or in map.toml."
+    return [Finding("refusal", "unsigned", "", text, remedy)]
 
 
 def _without_dead_velocities(

@@ -1,5 +1,6 @@
 """One signal over time: order of its rows, outliers, noise, quantisation, resampling."""
 
+from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ LONG_GAP = 0.05
 """A signal is split where it has no rows for longer than this [s] and than five of its periods."""
 
 _RESET = 20  # successive rows before the latest time from which the clock has restarted
+_AT_ZERO = 0.005  # share of rows without force from which commands of one sign have none
 _PAUSE = 1.0  # between the parts of a file whose clock was reset [s]
 
 
@@ -43,6 +45,19 @@ class Order(NamedTuple):
     late: np.ndarray  # rows dropped because their time lies before that of an earlier row
     resets: np.ndarray  # rows at which the clock restarts; later times are shifted to follow on
     rows: np.ndarray  # (N,) rows used, from 1
+
+
+def without_signs(commands: Sequence[Array]) -> bool:
+    """Whether commands (N,) of two joints or more are magnitudes: of one sign, and often 0.
+
+    Those that never change are not judged. A joint that weight always pulls to one side has one
+    sign, but is not without force for long.
+    """
+    known = [u[np.isfinite(u)] for u in commands]
+    moving = [u for u in known if len(u) and np.ptp(u) > 0]
+    return len(moving) > 1 and all(
+        (u.min() == 0 or u.max() == 0) and np.mean(u == 0) > _AT_ZERO for u in moving
+    )
 
 
 def runs(chosen: np.ndarray) -> np.ndarray:

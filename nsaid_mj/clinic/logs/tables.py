@@ -211,6 +211,17 @@ def join(
     unused = "no channel of this file is used", "Map its columns or leave it out."
     others = [table.source for table in tables if not set(wanted) & set(table.channels)]
     findings = [Finding("warning", "unused_file", source, *unused) for source in others]
+    held = {name for table in parts for name in table.channels}
+    if whole and (lacking := [name for name in wanted if name not in held]):
+        text = f"the file has no channel {lacking[0]}, which other files have beside those of the "
+        text += "same names: it was left out"
+        remedy = "If it holds something else, such as targets, name its columns in map.toml as "
+        for table in parts:
+            own = next(name for name in wanted if name in table.channels)
+            stem = table.source.partition(".")[0]
+            told = f'{remedy}`{{ column = "{stem}/{own}" }}`.'
+            findings.append(Finding("warning", "unused_file", table.source, text, told))
+        parts = []
     if parts:
         joined = _joined(parts, mapping, wanted)
         found.append(joined)

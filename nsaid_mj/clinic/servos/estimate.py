@@ -17,6 +17,7 @@ from .fit import (
     FRICTION,
     GRAVITY,
     OFFSET,
+    JointFit,
     OutputError,
     ServoPrior,
     clusters,
@@ -152,11 +153,39 @@ def estimate(given: ServoLogs, report: Callable[[str], None] = lambda _: None) -
         if not one.poor:
             named = effects_of(one.name, one.unit, fit, cluster)
             effects += named
-            sizes = [f.data["size"] for f in named if f.data["effect"] == "stribeck"]
-            excess = float(np.sum(np.array(sizes, dtype=np.float64)))  # of friction at rest
-            one = one.widened(FRICTION, 0.25 * excess)  # half of what it changes with speed
+            effects += _play(one, *found.play)
+            for effect in named:
+                one = one.widened(FRICTION, 0.25 * _change(effect, fit))  # half of what it changes
         judged.append(one)
     return ArmEstimate(tuple(judged), fitted.used, None, tuple(effects))
+
+
+def _change(effect: Finding, fit: OutputError[JointFit]) -> float:
+    """Change of a joint's friction over kp by an effect, with speed or by its mean load."""
+    size = float(effect.data["size"])  # type: ignore[arg-type]
+    if effect.data["effect"] != "load":
+        return size
+    load = np.concatenate([log.load for log in fit.of.logs])
+    return size * float(np.exp(fit.x[GRAVITY]) * np.abs(load).mean())
+
+
+_PLACES = (
+    "beyond the motor's encoder",
+    "between the servo's encoder and the log's",
+    "within the servo's loop, before its encoder",
+)
+
+
+def _play(joint: JointEstimate, place: int, width: float) -> list[Finding]:
+    """Reports play of a width [rad or m] in a joint's gear, at one of `_PLACES`."""
+    if not width > joint.zero:  # less cannot be told from the encoder's steps
+        return []
+    size = f"{1e3 * width:.2g} {joint.unit}"
+    text = f"its gear has play of about {size}, {_PLACES[place]}; intervals include what twice as "
+    text += "much would change"
+    remedy = "The exported servo has none, and imitates it by its other numbers."
+    data = {"place": _PLACES[place], "width": width}
+    return [Finding("note", "play", joint.name, text, remedy, data)]
 
 
 def _with_kp(fitted: JointFits, given: ServoLogs, cluster: Indices, zero: Array) -> Mask:

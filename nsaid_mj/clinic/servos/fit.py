@@ -10,7 +10,7 @@ from scipy import stats
 
 from ...core import Array, Indices
 from .logs import ServoLog
-from .simulation import NONE, Effects, JointLog, differentiated, simulate
+from .simulation import NONE, Effects, JointLog, differentiated, simulate, with_play
 
 DAMPING, FRICTION, GRAVITY, ARMATURE, DELAY = range(5)
 """Places of T, f, g, a and d in θ."""
@@ -25,9 +25,8 @@ EFFECTIVE = 1.5  # independent samples per second, since residuals of a simulati
 PLAY = 2.0
 """Half the usual play of a servo's gears, over the deviation of its zero: makers of hobby servos
 with steps of 1.5 mrad state up to 9 mrad of play, and fine encoders come with finer gears."""
-_PARABOLA = 0.05  # half of the span of three positions that tell an acceleration [s]
-_WEAK = 0.05  # torque over its rms, at which backlash is half on its side
-_PULLS = 2.0  # shifts of parameters by backlash over those by its estimate, on simulated arms
+_PULLS = 2.0  # play of simulated arms over what their residuals show of it, at most
+_SURE_OF_PLAY = 3.0  # decrease of the cost by play over the dispersion, from which it is stated
 _STEEPEST = 100.0  # [rad or m] by ln θ: a servo between both of its limits is chaotic
 _WINDOW = 2.0  # in which external forces are detected [s]
 _FAR = 6.0  # residual of such a window over the median one
@@ -57,11 +56,12 @@ class Simulated(Protocol):
         ...
 
     def moved(self, x: Array, zero: Array) -> Array:
-        """(N, 4 n) change of the residual by what the equation lacks.
+        """(N, 7 n) change of the residual by what the equation lacks.
 
         First by offsets `zero` (n,) [rad or m] of the joints' targets. Then by backlash: a joint is
-        displaced by `PLAY` times that in the direction of its load. Last by backlash within the
-        servo's loop, and by that between the loop and the encoder, over half its width [rad or m].
+        displaced by `PLAY` times that in the direction of its load. Then by backlash at the three
+        places of `_slack`, over half its width [rad or m]. Last by friction that is twice as large
+        at rest, and by friction of the whole load: the two of `Effects`.
         """
         ...
 
@@ -100,17 +100,16 @@ def _play(log: JointLog, zero: Array, g: Array) -> Array:
     return -PLAY * zero * (side - side.mean())  # a constant side is an offset
 
 
-def _side(log: JointLog) -> Array:
-    """(N,) side, −1 to 1, on which backlash lies: opposite to the torque through the gear.
+def _slack(log: JointLog, theta: Array, half: float) -> Array:
+    """(N, 3) change of the encoder's position by play of 2 `half` in the gear, over `half`.
 
-    The encoder is behind the gear and the servo's error is its, so that a reversal takes the time
-    in which the motor crosses the backlash. Accelerations are those of parabolas through measured
-    positions: a simulation without backlash would lack its shocks.
+    Of a motor with an encoder that the play displaces its link beyond; of one whose play is between
+    servo and encoder; of one within the loop, whose encoder is the servo's, behind the gear.
     """
-    at = (np.clip(log.t + side, log.t[0], log.t[-1]) for side in (-_PARABOLA, 0.0, _PARABOLA))
-    before, now, after = (np.interp(t, log.t, log.position) for t in at)
-    torque = log.load + log.inertia * (before - 2 * now + after) / _PARABOLA**2
-    return -torque / (np.abs(torque) + _WEAK * np.sqrt(np.mean(torque**2)) + 1e-12)
+    rigid, _ = with_play(log, theta, 0.0, behind=False)
+    motor, link = with_play(log, theta, half, behind=False)
+    _, within = with_play(log, theta, half, behind=True)
+    return (np.column_stack([motor, link, within]) - rigid[:, None]) / half
 
 
 class JointFit:
@@ -130,15 +129,16 @@ class JointFit:
         return np.concatenate([simulate(log, theta, own) - log.position for log in self.logs])
 
     def moved(self, x: Array, zero: Array) -> Array:
-        """(N, 4) change of the residual by an offset `zero` (1,) of the targets, and by play."""
+        """(N, 7) change by an offset `zero` (1,) of the targets, by play, and by other friction."""
         theta = np.exp(x)
         changes = []
         for log in self.logs:
-            side = _side(log)
-            shifts = zero, _play(log, zero, theta[GRAVITY]), -zero * side
-            before = simulate(log, theta)
+            before, slopes = differentiated(log, theta)
+            friction = slopes[:, 5:] * [theta[FRICTION], 1.0]
+            shifts = zero, _play(log, zero, theta[GRAVITY])
             own = [simulate(log._replace(target=log.target + u), theta) - before for u in shifts]
-            changes.append(np.column_stack([*own[:2], own[2] / zero + side, side]))
+            play = _slack(log, theta, float(zero.item()))
+            changes.append(np.column_stack([*own, play, friction]))
         return np.concatenate(changes)
 
     def linear(self, x: Array, free: Indices) -> tuple[Array, Array]:
@@ -283,9 +283,9 @@ class Spread(NamedTuple):
     # (k, k) covariance that clusters do not tell: by the prior, the zeros, backlash within the loop
     # and the simulation's own accuracy
     rest: Array
-    moved: Array  # (k, 4 n) change of the parameters by what the equation lacks: `Simulated.moved`
-    size: Array  # (4 n,) of each of these that the residual shows
-    gain: Array  # (4 n,) decrease of the cost by it
+    moved: Array  # (k, 7 n) change of the parameters by what the equation lacks: `Simulated.moved`
+    size: Array  # (7 n,) of each of these that the residual shows
+    gain: Array  # (7 n,) decrease of the cost by it
     without: Array  # (G, k) change of the parameters without each cluster, by a Gauss–Newton step
     common: float  # mean dispersion of all numbers of the arm, or the least for such residuals
 
@@ -313,6 +313,13 @@ class Spread(NamedTuple):
         ratio, degrees = self.own(direction)
         total = degrees + _PRIOR_DEGREES
         return (degrees * ratio + _PRIOR_DEGREES * self.common) / total, total
+
+    @property
+    def play(self) -> tuple[int, float]:
+        """Place, as in `_slack`, and width [rad or m] of a joint's play; 0 if none is certain."""
+        place = int(np.argmax(self.gain[2:5]))
+        certain = self.gain[2 + place] > _SURE_OF_PLAY * self.common
+        return place, 2 * float(self.size[2 + place]) * certain
 
     @property
     def between(self) -> Array:
@@ -370,7 +377,8 @@ def _spread(fit: OutputError, cluster: Indices, zero: Array) -> Spread:
     moved[free] = A @ seen
     left = np.sum(effect**2 * weight[:, None], axis=0) - np.sum(seen * moved[free], axis=0)
     size = -(weight * fit.residual) @ effect / np.maximum(left, 1e-300)
-    size[2 * len(zero) :] = np.clip(size[2 * len(zero) :], 0.0, np.tile(PLAY * zero, 2))
+    most = np.r_[np.tile(PLAY * zero, 3), np.ones(2 * len(zero))]
+    size[2 * len(zero) :] = np.clip(size[2 * len(zero) :], 0.0, most)
     by_zero = moved[:, : len(zero)]
     rest = by_zero @ by_zero.T
     rest[np.ix_(free, free)] += A @ P @ A + _NUMERICAL**2 * np.eye(len(free))
@@ -383,14 +391,16 @@ def _spread(fit: OutputError, cluster: Indices, zero: Array) -> Spread:
 
 
 def _with_slack(spread: Spread) -> Spread:
-    """With the change of the parameters by the backlash of each joint that its residual shows.
+    """With the change of the parameters by what each joint's residual shows of play and friction.
 
-    It is within the servo's loop or behind it, whichever lowers the cost more; as any further
-    number lowers it by the dispersion, that share of it is not counted.
+    Play is at that place of `_slack` which lowers the cost most. As any further number lowers it by
+    the dispersion, that share of its square is not counted.
     """
-    n = spread.moved.shape[1] // 4
-    places = np.arange(n) + 2 * n
-    at = np.where(spread.gain[places] > spread.gain[places + n], places, places + n)
+    n = spread.moved.shape[1] // 7
+    places = np.arange(2 * n, 5 * n).reshape(3, n)
+    play = places[np.argmax(spread.gain[places], axis=0), np.arange(n)]
+    at = np.r_[play, 5 * n : 7 * n]
     shown = np.maximum(1 - spread.common / np.maximum(spread.gain[at], 1e-300), 0.0)
-    slack = _PULLS * spread.moved[:, at] * spread.size[at] * shown
+    pulls = np.repeat([_PULLS, 1.0, 1.0], n)
+    slack = pulls * spread.moved[:, at] * spread.size[at] * np.sqrt(shown)
     return spread._replace(rest=spread.rest + slack @ slack.T)

@@ -15,7 +15,7 @@ from ..identify.choose.servo_effects import hidden_profile
 from ..identify.links import carrier, check_loads
 from ..identify.loads import Load
 from ..identify.models import load_robot_model
-from ..logs.layout import with_servos
+from ..logs.layout import apart, with_servos
 from ..logs.mapping import Map, read_map
 from ..logs.matching import named
 from ..logs.tables import LogTable, read_tables
@@ -85,6 +85,7 @@ def read_servos(
         InvalidInput: a column or joint of the map does not exist, or loads differ.
         UnusableLog: no stretch lasts two seconds, or positions are in another unit.
     """
+    tables = apart(mapping, robot, tables)
     if with_servos(mapping or Map(), robot, tables).pd is not None:
         return None  # it walks: contact forces are unknown, and its motion cannot be simulated
     found = None if set(robot.passive) - {*robot.followers} else robot.servos

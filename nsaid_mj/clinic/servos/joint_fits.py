@@ -290,10 +290,10 @@ class Arm:
         return [(JointFit([log.joint(j) for log in logs], used), of) for j, of in enumerate(own)]
 
     def moved(self, x: Array, zero: Array) -> Array:
-        """(n N, 4 n) change of the residual by offsets `zero` (n,) of the targets, and by play."""
+        """(n N, 7 n) change of the residual by offsets `zero` (n,) of the targets, and by play."""
         each = zip(self.joints(x), zero, self.unit, strict=True)
         found = [joint.moved(own, one) / unit for (joint, own), one, unit in each]
-        shifts = np.stack(found).transpose(2, 0, 1)[..., None]  # (4, n, N, 1)
+        shifts = np.stack(found).transpose(2, 0, 1)[..., None]  # (7, n, N, 1)
         return np.hstack([_blocks(own) for own in shifts])
 
     def linear(self, x: Array, free: Indices) -> tuple[Array, Array]:

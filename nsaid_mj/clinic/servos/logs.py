@@ -24,7 +24,7 @@ from ..logs.mapping import ColumnMap, Joint, Map
 from ..logs.matching import candidates, is_gripper, lacking_targets, match_targets
 from ..logs.phases import Event, events_of, events_stated
 from ..logs.remedies import remedy_of
-from ..logs.tables import LogTable, join
+from ..logs.tables import LogTable, join, values_of
 from ..logs.unusable import UnmatchedChannels, UnusableLog
 from .simulation import STEP, JointLog, move_arm
 
@@ -110,7 +110,7 @@ def servo_map(
     measured = [
         g for g in found["position"].values() if not set(g.values()) & set(targets.values())
     ]
-    if not targets or len(measured) != 1 or _torques(found["command"], targets):
+    if not targets or len(measured) != 1 or _torques(found["command"], targets, tables):
         return None
     return {
         joint: Joint(
@@ -120,8 +120,15 @@ def servo_map(
     }
 
 
-def _torques(commands: dict[str, dict[str, str]], targets: dict[str, str]) -> bool:
-    return any(not set(group.values()) & set(targets.values()) for group in commands.values())
+def _torques(
+    commands: dict[str, dict[str, str]], targets: dict[str, str], tables: Sequence[LogTable]
+) -> bool:
+    """Whether groups of channels hold torques or currents, with their signs."""
+    groups = (list(group.values()) for group in commands.values())
+    others = [group for group in groups if not set(group) & set(targets.values())]
+    return any(
+        not signals.without_signs([values_of(name, tables) for name in own]) for own in others
+    )
 
 
 def read_servo_logs(

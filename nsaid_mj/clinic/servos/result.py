@@ -10,6 +10,7 @@ from ...base import Finding
 from ...core import Array
 from ...report import Explains, Parameter, Result, Status
 from ...robots import RobotModel
+from ..identify.identifiability import NOTHING
 from ..identify.loads import Load
 from ..identify.verdict import JudgedPart, graded, with_next
 from .estimate import JointEstimate, MassScale
@@ -100,7 +101,6 @@ _LABELS = (
     ("armature", "armature", ("kg·m²", "kg")),
 )  # units of hinges and slides
 _NOTHING = 5e-3  # least error of a simple prediction in the test for divergence [rad or m]
-_WIDEST = 7.0  # half-width of ln θ beyond which an interval says nothing more: a factor of 1,000
 _HEAVIER = "Use a heavier load, or more motions with the arm stretched out."
 _UNEXPLAINED = "the model does not explain this joint's motion"
 _UNMOVED = "the joint hardly moves"
@@ -117,13 +117,13 @@ def parameters(k: int, joint: JointEstimate, scale: MassScale | None) -> tuple[P
     values = np.r_[joint.x, joint.x[ARMATURE] + ln_kp]
     deviations = np.sqrt(np.r_[np.diag(C), max(rotor, 0.0)])
     values[GRAVITY] = ln_kp
-    halves = np.minimum(joint.quantile * deviations, _WIDEST)
-    halves[-1] = min(joint.quantile[[GRAVITY, ARMATURE]].max() * deviations[-1], _WIDEST)
+    halves = np.minimum(joint.quantile * deviations, NOTHING)
+    halves[-1] = min(joint.quantile[[GRAVITY, ARMATURE]].max() * deviations[-1], NOTHING)
     doubt = _UNEXPLAINED if joint.poor else _UNMOVED if joint.travel <= TRAVEL else ""
     if not joint.gravity:
-        halves[[GRAVITY, -1]] = _WIDEST
+        halves[[GRAVITY, -1]] = NOTHING
     if doubt:
-        halves[:] = _WIDEST
+        halves[:] = NOTHING
     lag, apart = lag_of(joint)
     longest = lag + apart
     rotor_half = float(halves[ARMATURE])
@@ -141,7 +141,7 @@ def parameters(k: int, joint: JointEstimate, scale: MassScale | None) -> tuple[P
             low = value * max(1 - half, 0.0)  # the motion is linear in all but kp
         if short in {"a", "armature"}:
             low = value * _least_rotor(half)
-        if half >= _WIDEST:
+        if half >= NOTHING:
             low = 0.0
             high = np.inf
         if short == "T":
@@ -202,7 +202,7 @@ def masses(scale: MassScale | None) -> tuple[Parameter, ...]:
     """The true masses over those of the model file, if a load was weighed."""
     if scale is None:
         return ()
-    half = min(scale.quantile * scale.deviation, _WIDEST)
+    half = min(scale.quantile * scale.deviation, NOTHING)
     value, low, high = (float(np.exp(scale.log + x)) for x in (0.0, -half, half))
     status: Status = "identified" if half < _FIRM else "only in combination"
     words = "" if half < _FIRM else "the load has no clear effect; only ratios of kp and masses"

@@ -18,6 +18,7 @@ from ...core import Array, kernel
 
 STEP = 4e-3
 """Longest step of the simulation [s]."""
+_FINER = 4.0  # the same over that of a gear's play
 _ITERATIONS = 30  # over joints at most; until speeds change less [rad/s or m/s]
 _SAME = 1e-7
 FALL = 0.1  # speed at which Stribeck friction has fallen to 1/e [rad/s or m/s]
@@ -200,6 +201,67 @@ def move(t, target, load, inertia, limit, theta, effects, longest, out, slope):
         out[i + 1] = q
         if len(slope):
             slope[i + 1] = of_q
+
+
+def with_play(log: JointLog, theta: Array, half: float, behind: bool) -> tuple[Array, Array]:
+    """(N,) positions of motor and (N,) of link, between which a gear has play of 2 `half`.
+
+    Friction and damping are the motor's, weight and inertia the link's. The servo's error is the
+    link's where its encoder is `behind` the gear, else the motor's.
+    """
+    motor = np.empty(len(log.t))
+    link = np.empty(len(log.t))
+    motor[0] = link[0] = log.position[0]
+    apart = log.t, log.target, log.load, log.inertia
+    move_with_play(*apart, log.own(theta), half, behind, STEP / _FINER, motor, link)
+    return motor, link
+
+
+@kernel(error_model="numpy")
+def move_with_play(t, target, load, inertia, theta, half, behind, longest, motor, link):
+    """Writes the positions of motor and link (N,) after the first sample, see `with_play`.
+
+    Implicit Euler's steps. The two move as one while the gear is pressed to one side; where its
+    force would pull they part, and where they meet again the impact is inelastic.
+    """
+    T, f, g, a, d = theta
+    x = motor[0]
+    y = link[0]
+    v = 0.0
+    w = 0.0
+    side = 0.0 if half > 0 else 1.0
+    held = 0
+    for i in range(len(t) - 1):
+        steps = int(np.ceil((t[i + 1] - t[i]) / longest))
+        h = (t[i + 1] - t[i]) / steps
+        moved = g * (inertia[i] + inertia[i + 1]) / 2
+        for s in range(steps):
+            area, held = _area(t, target, held, t[i] + s * h - d, h)
+            hold = h * g * (load[i] + (s + 0.5) / steps * (load[i + 1] - load[i]))
+            error = area - h * (y if behind else x)
+            if side != 0.0:
+                drive = (a + moved) * v + error - hold
+                new = np.sign(drive) * max(abs(drive) - h * f, 0.0) / (a + moved + h * T + h * h)
+                if half > 0 and side * (moved * (new - v) + hold) < 0:
+                    side = 0.0
+                    w = v
+                else:
+                    v = new
+                    x += h * v
+                    y += h * v
+            if side == 0.0:
+                drive = a * v + error
+                stiff = 0.0 if behind else h * h
+                v = np.sign(drive) * max(abs(drive) - h * f, 0.0) / (a + h * T + stiff)
+                w -= hold / moved
+                x += h * v
+                y += h * w
+                if abs(x - y) >= half:
+                    side = np.sign(x - y)
+                    v = (a * v + moved * w) / (a + moved)
+                    y = x - side * half
+        motor[i + 1] = x
+        link[i + 1] = y
 
 
 @kernel(error_model="numpy")

@@ -19,12 +19,14 @@ from tests.support.robot_logs import two_joints
 
 
 def test_an_interval_of_a_factor_of_a_thousand_says_nothing():
-    low, high = interval(2.0, 0.5, True)
+    low, high = interval(2.0, 0.5, True, 1.0)
     assert low * high == pytest.approx(4.0) and high / low < 3
-    low, high = interval(2.0, 20.0, True)
+    low, high = interval(2.0, 20.0, True, 1.0)
     assert (low, high) == (0.0, np.inf)
     assert estimate(2.0, low, high) == ("2", "not determined")
-    assert interval(2.0, 20.0, False)[0] < 0 < interval(2.0, 20.0, False)[1] < np.inf
+    low, high = interval(2.0, 20.0, False, 1.0)
+    assert low < 0 < high < np.inf
+    assert interval(2.0, 1e15, False, 1.0) == (-np.inf, np.inf)
 
 
 def test_a_suspect_that_the_columns_make_up_shifts_them_by_their_own_size():

@@ -93,8 +93,15 @@ def cost(problem: FitProblem, theta: np.ndarray) -> float:
     return posterior(problem, gramians(problem)).value(theta)
 
 
-def test_the_gradient_of_the_cost_is_its_finite_difference():
+def by_gain(problem: FitProblem) -> FitProblem:
+    """The problem whose prior values of joint 1, but its gain, were guessed from its command."""
+    return replace(problem, size=problem.size._replace(gain=np.array([5, -1, 5, -1, 5, -1, -1])))
+
+
+@pytest.mark.parametrize("guessed", [False, True])
+def test_the_gradient_of_the_cost_is_its_finite_difference(guessed):
     problem = problem_of(noise=0.1)
+    problem = by_gain(problem) if guessed else problem
     theta = problem.prior * np.linspace(0.8, 1.3, 7) + np.eye(7)[4] * 0.1
     gradient, hessian = posterior(problem, gramians(problem)).derivatives(theta)
     h = 1e-6
@@ -121,6 +128,25 @@ def test_the_scale_stays_where_the_prior_puts_it():
         step[joint] = theta[joint]
         assert cost(problem, theta) <= cost(problem, theta + 0.01 * step)
         assert cost(problem, theta) <= cost(problem, theta - 0.01 * step)
+
+
+def test_friction_guessed_from_a_command_is_no_evidence_of_its_gain():
+    """A joint's common scale has the width of the gain's own prior, with a known gain none."""
+    problem = replace(problem_of(noise=0.01), spread=np.ones(7))
+    joint = [0, 2, 4, 5]
+    own = []
+    for each in (problem, by_gain(problem)):
+        fit = minimise(each)
+        exact = precision(each, fit, np.ones(2))
+        own.append(np.sqrt(exact.covariance[5, 5]) / fit.theta[5])
+        assert np.ptp(fit.theta[joint] / TRUE[joint]) < 0.05 * fit.theta[5] / TRUE[5]
+    plain, guessed = own
+    assert guessed == pytest.approx(1.0, rel=0.05) and plain < 0.7 * guessed
+    told = with_known(by_gain(problem), {"gain_1": 5.0})
+    assert told.prior.tolist() == [5.0, 1.0, 5.0, 1.0, 0.0, 5.0, 1.0]
+    fit = minimise(told)
+    assert np.isfinite(precision(told, fit, np.ones(2)).prior).all()
+    np.testing.assert_allclose(fit.theta[joint] / TRUE[joint], 5.0 / 1.3, rtol=0.05)
 
 
 def test_a_known_gain_fixes_the_scale_of_its_joint():

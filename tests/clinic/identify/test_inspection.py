@@ -261,6 +261,21 @@ def test_fix_writes_a_map_with_which_the_log_is_accepted(tmp_path, capsys):
     assert command([*arguments, "--map", str(tmp_path / "map-fixed.toml")]) == 0
 
 
+def test_joints_that_a_log_does_not_number_are_locked_as_the_message_says(tmp_path, capsys):
+    """An arm's log has no columns of its gripper, and the next command still knows of it."""
+    log = str(write_csv(tmp_path / "log.csv", columns()))
+    model = tmp_path / "arm.urdf"
+    finger = '<link name="f"/><joint name="finger" type="prismatic"><parent link="elbow_link"/>'
+    finger += '<child link="f"/><axis xyz="1 0 0"/>'
+    finger += '<limit lower="0" upper="0.04" effort="9" velocity="1"/></joint></robot>'
+    model.write_text(URDF.replace("</robot>", finger), encoding="utf-8")
+    arguments = ["inspect", log, "--model", str(model), "--out", str(tmp_path)]
+    assert command(arguments) == 2
+    assert "`--lock finger` holds these" in " ".join(capsys.readouterr().out.split())
+    assert command([*arguments, "--lock", "finger"]) == 0
+    assert f"identify {log} --model {model} --lock finger" in capsys.readouterr().out
+
+
 def test_fix_is_withdrawn_if_another_contradiction_follows(tmp_path):
     """A remedy that makes the positions leave their limits is worse than the velocities' signs."""
     values = columns()

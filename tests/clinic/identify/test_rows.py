@@ -163,8 +163,8 @@ def test_only_dry_friction_turns_before_the_velocity():
     robot = random_tree(0)
     recordings = invented(robot)
     rows = JointRows(robot, recordings, filter_for(recordings), np.ones(len(robot.joints)), 1.0)
-    same = rows.leading(0.0)
-    early = rows.leading(0.01)
+    same = rows.turning()
+    early = rows.turning(lead=0.01)
     np.testing.assert_array_equal(same.diagonal["coulomb"], rows.diagonal["coulomb"])
     assert np.abs(early.diagonal["coulomb"] - rows.diagonal["coulomb"]).max() > 0.01
     np.testing.assert_array_equal(early.diagonal["viscous"], rows.diagonal["viscous"])

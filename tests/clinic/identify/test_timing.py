@@ -8,6 +8,7 @@ from nsaid_mj.clinic.identify.choose.clocks import clock_offset
 from nsaid_mj.clinic.identify.choose.columns import BASIC, BROAD, FALLEN, Choice
 from nsaid_mj.clinic.identify.choose.cutoff import flat_range, middle_of, trials
 from nsaid_mj.clinic.identify.choose.held_out import Contest, FrictionShape, held_out_errors, shapes
+from nsaid_mj.clinic.identify.choose.joint_search import _without_holding
 from nsaid_mj.clinic.identify.choose.timing import Timing, search
 from nsaid_mj.clinic.identify.identify import identify_forces
 from nsaid_mj.clinic.identify.result import Identification
@@ -114,6 +115,23 @@ def test_a_contest_has_the_errors_of_regression():
             expected = held_out_errors(rows, used, u[:, d], 1)
             if np.isfinite(found[d]).all():
                 np.testing.assert_allclose(found[d], expected, rtol=2e-3)
+
+
+def test_friction_that_its_load_alone_would_hold_is_no_friction():
+    """Of a log with load friction of .4, whose column is then made a hundredth of what it is."""
+    rows = rows_of(arm_log(two_joints(), 1, duration=10.0)[0])
+    choice = Choice((BASIC | {"load"}, BASIC), (BROAD, BROAD), np.zeros(2))
+    shape = FrictionShape(frozenset({"coulomb", "load"}), BROAD, FALLEN)
+    commands = rows.commands(choice.delay)
+    commands[:, 0] += 0.4 * rows.column("load", 0, choice) / rows.gain[0]
+    rows.commands = lambda delay: commands
+    u = commands[:, [0]]
+    assert _without_holding(rows, choice)[0] is choice
+    assert np.isfinite(Contest(rows, choice, 0, u).errors([shape])).all()
+    rows.diagonal["load"] = rows.diagonal["load"] / 100
+    left, (said,) = _without_holding(rows, choice)
+    assert left.columns == (BASIC, BASIC) and "left out" in said.text
+    assert np.isinf(Contest(rows, choice, 0, u).errors([shape])).all()
 
 
 def test_stribeck_friction_falls_above_the_speed_of_dry_friction():

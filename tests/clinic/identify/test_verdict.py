@@ -5,7 +5,7 @@ import pytest
 
 from nsaid_mj.base import Finding
 from nsaid_mj.clinic.identify import wording
-from nsaid_mj.clinic.identify.calibrate import _command_noise
+from nsaid_mj.clinic.identify.calibrate import _command_noise, unphysical
 from nsaid_mj.clinic.identify.identifiability import _positive
 from nsaid_mj.clinic.identify.result import JointStructure
 from nsaid_mj.clinic.identify.verdict import JudgedPart, graded, verdict
@@ -37,6 +37,17 @@ def test_an_error_that_is_the_commands_own_noise_is_explained():
     explains, sentence = verdict([joint(held_out=0.4, noise=0.35)])
     assert explains == "yes" and "noise of the command itself" in sentence
     assert verdict([joint(held_out=0.9, noise=0.9)])[0] == "no"  # a command of noise alone
+
+
+def test_what_only_impossible_masses_predict_is_not_explained():
+    """A hand moves the joint, and its motor compensates the weight."""
+    moved = joint("pan", 0.18, least_squares=0.01)
+    findings = unphysical([joint("lift", 0.18, least_squares=0.1), moved])
+    assert [finding.where for finding in findings] == ["pan"]
+    explains, sentence = verdict([moved], findings)
+    assert explains == "partly" and "explains 0 of 1" in sentence
+    assert "pan: no possible masses and frictions" in sentence
+    assert "Next: record a motion that its motor makes" in sentence
 
 
 def test_an_error_of_most_of_a_motors_force_does_not_explain():

@@ -277,6 +277,22 @@ def test_stamps_that_scatter_are_put_on_their_regular_clock(rate, late):
     np.testing.assert_allclose(found.t, t, atol=3e-4)
 
 
+def test_rows_written_before_the_next_reading_do_not_make_a_clock_faster():
+    """A logger at about the sensor's rate writes some readings twice and misses others.
+
+    The robot pauses for a second, in which repeated readings cannot be told.
+    """
+    rng = np.random.default_rng(0)
+    written = np.cumsum(1e-3 * rng.uniform(0.7, 1.33, 8000))
+    read = np.floor(written * 1000) / 1000
+    going = read - np.clip(read - 4, 0, 1)
+    q = [np.sin(2 * np.pi * f * going) for f in (0.3, 0.8, 1.1)]
+    found = regular(written, q)
+    assert found is not None
+    assert found.period == pytest.approx(1e-3, rel=2e-3)
+    np.testing.assert_allclose(np.diff(found.t)[:3000], np.diff(read)[:3000], atol=1e-5)
+
+
 @pytest.mark.filterwarnings("error")
 def test_a_coarse_encoder_has_a_regular_clock_without_warnings():
     rng = np.random.default_rng(0)

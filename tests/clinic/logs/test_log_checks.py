@@ -49,6 +49,16 @@ def test_a_clean_log_raises_no_alarm(noise):
     assert found(values, in_units("A")) == []
 
 
+def test_commands_without_signs_are_refused_for_that_alone():
+    values = columns()
+    sizes = {f"tau{k}": np.round(np.abs(values[f"tau{k}"])) for k in (1, 2)}
+    with pytest.raises(UnusableLog) as error:
+        recorded(values | {name: -size for name, size in sizes.items()})
+    assert [f.code for f in error.value.findings if f.level == "refusal"] == ["unsigned"]
+    one = {"tau1": np.abs(values["tau1"])}  # a joint that weight pulls to one side
+    recorded(values | one)
+
+
 def test_a_real_log_raises_no_alarm():
     mapping = read_map(asset("tx40", "map.toml"))
     recordings = prepare(read_tables([asset("tx40", "log.csv.gz")], mapping), mapping, tx40())

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from nsaid_mj.base.findings import Finding
 from nsaid_mj.clinic.logs.formats import text
-from nsaid_mj.clinic.logs.mapping import Time
-from nsaid_mj.clinic.logs.tables import LogTable, read, read_tables
+from nsaid_mj.clinic.logs.mapping import Map, Time
+from nsaid_mj.clinic.logs.tables import Channel, LogTable, join, read, read_tables
 from nsaid_mj.clinic.logs.unusable import UnreadableLog
 
 VALUES = np.array([[0.0, 1.5, -2.0], [0.01, 1.25, -2.5e-3], [0.02, 1.0, 3.0], [0.03, 0.75, 1e3]])
@@ -196,6 +196,27 @@ def test_marks_that_do_not_tell_are_refused(tmp_path):
 def test_thousands_in_quotes_of_a_comma_file(tmp_path):
     table = read_text(tmp_path, 't,q1,u1\n0,"1,234.5",1\n0.1,"2,000",2\n0.2,"3",3\n')
     assert table.channels["q1"].values.tolist() == [1234.5, 2000.0, 3.0]
+
+
+def test_lists_in_fields_are_columns(tmp_path):
+    """As pandas writes a column of arrays; lists of different lengths stay text."""
+    rows = '0,"[0.5, -1.0]",[1 2e-1],"[1, 2]"\n0.1,,[3 4],"[1]"\n0.2,"[1, 2]",[5 6.],"[]"\n'
+    table = read_text(tmp_path, "t,q,tau,n\n" + rows)
+    assert list(table.channels) == ["q_0", "q_1", "tau_0", "tau_1"]
+    np.testing.assert_array_equal(table.channels["q_1"].values, [-1, np.nan, 2])
+    assert table.channels["tau_1"].values.tolist() == [0.2, 4.0, 6.0]
+    assert "n (text such as" in codes(table)["left_out"].text
+
+
+def test_a_file_of_targets_beside_one_of_states_is_left_out_with_the_names_for_a_map(tmp_path):
+    t = np.arange(0, 10, 0.01)
+    states = {name: Channel(t, np.sin(t)) for name in ("q1", "dq1", "u1")}
+    tables = [LogTable("state.csv", states, 0), LogTable("wish.csv", {"q1": states["q1"]}, 0)]
+    logs, findings = join(tables, Map(), ["q1", "dq1", "u1"])
+    assert [log.source for log in logs] == ["state.csv"]
+    (finding,) = findings
+    assert (finding.where, finding.code) == ("wish.csv", "unused_file")
+    assert '"wish/q1"' in finding.remedy
 
 
 def test_columns_without_numbers_are_told_with_what_they_hold(tmp_path):

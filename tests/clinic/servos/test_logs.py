@@ -27,7 +27,11 @@ def motion():
 
 
 @pytest.mark.parametrize(
-    "pattern", ["target_{}", "{}.goal_position", "action.{}.pos", "{}_cmd_position", "des_{}"]
+    "pattern",
+    [
+        *("target_{}", "{}.goal_position", "action.{}.pos", "{}_cmd_position", "des_{}"),
+        "control/position_{}",
+    ],
 )
 def test_targets_are_matched_by_name(pattern):
     channels = [pattern.format(joint) for joint in JOINTS]
@@ -35,7 +39,9 @@ def test_targets_are_matched_by_name(pattern):
     assert match_targets(channels + others, JOINTS) == dict(zip(JOINTS, channels, strict=True))
 
 
-@pytest.mark.parametrize("pattern", ["target_velocity_{}", "goal_current_{}", "position_{}"])
+@pytest.mark.parametrize(
+    "pattern", ["target_velocity_{}", "goal_current_{}", "position_{}", "ctrl_{}"]
+)
 def test_other_channels_are_no_targets(pattern):
     assert match_targets([pattern.format(joint) for joint in JOINTS], JOINTS) == {}
 
@@ -46,6 +52,27 @@ def test_a_log_of_torques_is_left_to_the_other_law(motion, tmp_path):
     path.write_text(path.read_text().replace("target_", "torque_"))
     assert servo_logs(MODEL, [path]) is None
     assert servo_logs(asset("tx40", "tx40.urdf"), [path]) is None
+
+
+def test_targets_in_a_file_of_their_own_beside_measurements(motion, tmp_path):
+    """Columns of lists, equal names, and sizes of currents instead of torques."""
+
+    def rows(path, names, *parts):
+        lines = zip(t, *(part.tolist() for part in parts), strict=True)
+        text = "".join(f"{k:.3f}," + ",".join(f'"{x}"' for x in each) + "\n" for k, *each in lines)
+        path.write_text(f"t,{names}\n{text}")
+        return path
+
+    t, u, q = motion
+    torque = np.round(u - q, 1)
+    wanted = rows(tmp_path / "control.csv", "positions", u)
+    measured = rows(tmp_path / "state.csv", "positions,torques", q, np.abs(torque))
+    found = servo_logs(MODEL, [wanted, measured])
+    assert found is not None
+    np.testing.assert_allclose(found.logs[0].issued[:, 0], u[:, 0], atol=1e-6)
+    np.testing.assert_allclose(found.logs[0].position, q, atol=1e-6)
+    signed = rows(tmp_path / "state.csv", "positions,torques", q, torque)
+    assert servo_logs(MODEL, [wanted, signed]) is None
 
 
 def test_targets_are_clipped_and_gaps_cut(motion, tmp_path):

@@ -41,6 +41,8 @@ COLUMNS["spring"] = replace(KINDS["spring"], geometry="free", share=0.3)  # or a
 Rotor v̇, viscous v, Coulomb tanh(v/s), Stribeck tanh(v/s) exp(−(v/f)²), load tanh(v/s)·|weight's
 torque|, quadratic v|v|, cubic v³, spring q, offset 1.
 """
+HELD = 1.0
+"""Load friction that would hold the joint whatever its load: any that exists is below."""
 BASIC = frozenset({"rotor", "viscous", "coulomb"})
 FASTENED = frozenset({"coulomb", "stribeck", "load"})
 """The columns that depend on a friction speed s."""

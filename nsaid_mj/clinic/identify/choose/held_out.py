@@ -18,7 +18,7 @@ from ....core import Array
 from ..fit import cost_of, gramians, minimise
 from ..joints import JointRows
 from ..problem import FitProblem, folds
-from .columns import FALLS, SPEEDS, Choice
+from .columns import FALLS, HELD, SPEEDS, Choice
 
 _FOLDS = 5
 _RIDGE = 1e-3  # of the columns' rms: a prior of 30 times a column's natural size
@@ -68,9 +68,12 @@ class Contest:
         columns, self._at = _shape_columns(rows, joint)
         columns = columns[usable]
         self._size = np.sqrt(np.mean(columns**2, axis=0)) if len(usable) else np.ones(1)
+        # the least gain that is expected
+        self._gain = float(rows.gain[joint] * np.exp(-rows.spread[joint]))
         base = joint_columns(rows, plain, joint)[usable]
         y = commands[usable]
         spread = y.std(axis=0) if len(y) else np.zeros(1)
+        self._spread = spread
         self.judged = len(usable) >= 10 * _FOLDS and bool((spread > 0).all())
         if not self.judged:
             return
@@ -95,8 +98,8 @@ class Contest:
     def errors(self, tried: Sequence[FrictionShape]) -> Array:
         """(S, D, 5) held-out rms of the command over its standard deviation, of S shapes.
 
-        Infinite for shapes that would have to decrease dry friction, and for a joint that hardly
-        moves.
+        Infinite for shapes that would have to decrease dry friction, or to hold the joint by its
+        load alone, and for a joint that hardly moves.
         """
         first = self._at["end",]
         members = [self._members(shape) for shape in tried]
@@ -131,10 +134,17 @@ class Contest:
         return [self._at[key] for key in keys]
 
     def _possible(self, tried: Sequence[FrictionShape], own: list[int], beta: Array) -> Array:
-        """(S', D) whether Stribeck and load friction have Coulomb's sign, at β (S', k, D)."""
+        """(S', D) whether friction is physical, at sums β (S', k, D) over the folds.
+
+        Stribeck and load friction have Coulomb's sign; the latter is below its bound.
+        """
         found = np.ones((beta.shape[0], beta.shape[2]), dtype=bool)
         for row, k in enumerate(own):
             used = [name for name in SHAPES if name in tried[k].names]
+            if "load" in used:
+                place = used.index("load")
+                share = np.abs(beta[row, place]) / _FOLDS * self._spread * self._gain
+                found[row] &= share < HELD * self._size[self._members(tried[k])[place]]
             if "coulomb" in used:
                 for name in {"stribeck", "load"} & set(used):
                     found[row] &= beta[row, used.index(name)] * beta[row, 0] >= 0

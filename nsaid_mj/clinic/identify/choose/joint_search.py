@@ -28,7 +28,7 @@ from ..joint_checks import (
     rate_checks,
     weighed_links,
 )
-from ..joints import JointRows
+from ..joints import JointRows, joint_of
 from ..links import file_links
 from ..problem import FitProblem, Mask, mean_squares
 from ..residuals import Suspect
@@ -37,7 +37,7 @@ from ..smoothing import Filter, twice_as_noisy
 from ..smoothing import refined as finer
 from ..unmodelled_effects import arm_suspects
 from .clocks import at_edge, clock_offset
-from .columns import BASIC, BROAD, FALLS, SPEEDS, Choice
+from .columns import BASIC, BROAD, COLUMNS, FALLS, HELD, SPEEDS, Choice
 from .cutoff import NARROWER, filter_for, flat_range, middle_of, trials
 from .held_out import (
     SHAPES,
@@ -68,6 +68,7 @@ _BETWEEN = 0.05  # of the time between two rows: doubt of when a held target of 
 _LEAD = (
     0.01  # by which MuJoCo's `frictionloss` turns before the velocity, with its usual solref [s]
 )
+_SHAKEN = 4.0  # speed over which friction turns, at most, over the widest of `SPEEDS`
 _STEPS = 5  # of the correction of delays by the physical fit
 _EXACT = 2e-5  # least change of a delay that is worth another step [s]
 _LONGEST = 0.008  # step [s]
@@ -231,8 +232,30 @@ def _finished(
         delays = Delays(np.linalg.norm([delays.deviation, *apart], axis=0))
         choice, said = causal(rows, choice, delays)
         notes = [*notes, *said]
+    if free:
+        choice, said = _without_holding(rows, choice)
+        notes = [*notes, *said]
     rivals = [_with_constants_of(choice, other) for other in found.rivals]
     return Chosen(choice, notes, rivals, delays)
+
+
+def _without_holding(rows: JointRows, choice: Choice) -> tuple[Choice, list[Finding]]:
+    """The choice without load friction whose fitted value is `HELD` or more, and what was left."""
+    said = []
+    while any("load" in columns for columns in choice.columns):
+        problem = rows.problem(choice)
+        at = problem.space[COLUMNS["load"].block]
+        theta = minimise(problem).theta[at]
+        if theta.max() < HELD:
+            break
+        joint = joint_of(problem.space.names[at][int(np.argmax(theta))])
+        names = choice.columns[joint] - {"load"}
+        choice = choice.with_joint(joint, names, choice.speed[joint], choice.fall(joint))
+        text = f"friction of {theta.max():.2g} times the load would hold the joint by its load "
+        text += "alone, so the column load is left out"
+        where = rows.robot.joints[joint]
+        said.append(Finding("note", "columns", where, text, data={"columns": sorted(names)}))
+    return choice, said
 
 
 def _with_constants_of(choice: Choice, other: Choice) -> Choice:
@@ -278,7 +301,23 @@ def _rival_problems(
         late = found.choice.delay + found.delays.deviation
         yield rows.problem(replace(found.choice, delay=late))
         # jerky targets shake a light joint, whose friction acts like damping the more it is shaken
-        yield rows.leading(_LEAD).problem(found.choice)
+        yield rows.turning(lead=_LEAD).problem(found.choice)
+        shaken = rows.turning(slower=_SHAKEN)
+        yield shaken.problem(_with_dry_friction(shaken, found.choice))
+
+
+def _with_dry_friction(rows: JointRows, choice: Choice) -> Choice:
+    """The choice with the friction of `BASIC` alone, at each joint's best speed."""
+    u = rows.commands(choice.delay)
+    dry = BASIC & set(SHAPES)
+    for j in rows.driven:
+        tried = shapes(dry, FrictionShape(dry, choice.speed[j], choice.fall(j)))
+        errors = Contest(rows, choice, j, u[:, [j]]).errors(tried)[:, 0]
+        best = tried[int(np.argmin(np.log(errors).mean(axis=1)))]
+        choice = choice.with_joint(
+            j, (choice.columns[j] - set(SHAPES)) | dry, best.speed, best.fall
+        )
+    return choice
 
 
 def neighbours(choice: Choice) -> Iterator[Choice]:

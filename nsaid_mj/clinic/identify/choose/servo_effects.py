@@ -19,6 +19,7 @@ from ...servos.fit import JointFit, OutputError, minimise, weights
 from ...servos.joint_fits import alone
 from ...servos.logs import TRAVEL, ServoLog
 from ...servos.simulation import NONE
+from .columns import HELD
 from .options import (
     EFFECT,
     LOADED,
@@ -70,8 +71,9 @@ def effects_of(name: str, unit: str, fit: OutputError[JointFit], cluster: Indice
     found = []
     for effect, (words, factor, remedy) in _WORDS.items():
         after, sizes = errors(effect)
-        if improves(np.array(before), np.array(after), EFFECT):
-            middle = float(np.mean(sizes))
+        middle = float(np.mean(sizes))
+        possible = effect != "load" or middle < HELD
+        if possible and improves(np.array(before), np.array(after), EFFECT):
             text = (
                 f"{words.format(factor * middle, unit)}; with it, the error on held-out halves of "
                 f"the logs is {1e3 * np.mean(after):.2g} {unit} instead of "

@@ -25,6 +25,8 @@ _MARKED = re.compile(  # a number with points or commas that fills a field
     rb"(?:^|(?<=[;\t\" ]))[+-]?(\d+[.,][\d.,]*|[.,]\d[\d.,]*)(?:[eE][+-]?\d+)?(?=[;\t\" \r]|$)",
     re.MULTILINE,
 )
+_LIST = re.compile(r"\s*[\[(][^\[\]()]+[\])]\s*")
+_MOST_ENTRIES = 256  # of a list in a field
 _SAMPLE = 50  # lines to recognise the dialect, and fewer of more characters than this
 _SAMPLE_SIZE = 200_000
 _BLOCK = 1 << 20  # bytes to unpack at a time
@@ -263,6 +265,7 @@ def _parsed(
         reason += f"fields; the first is row {bad[0][0]} with {bad[0][1]}"
         raise UnreadableLog(path, reason, "Export the log as one table.")
     names = table.column_names
+    count = table.num_rows
     columns = table.columns[::-1]
     del table
     values = {name: numpy_column(columns.pop(), dialect.decimal) for name in names}  # frees each
@@ -274,7 +277,33 @@ def _parsed(
     )
     for name, _ in index:
         del values[name]
+    values = {
+        own: part for name, column in values.items() for own, part in _entries(name, column).items()
+    }
+    check_size(path, 8 * count * len(values))
     return Columns(values, None, tuple(sorted([*problems, *bad])), index, len(bad))
+
+
+def _entries(name: str, column: np.ndarray) -> dict[str, np.ndarray]:
+    """A column by name, or `a_0`, `a_1` … of one whose fields are lists, such as `"[0.1, 0.2]"`.
+
+    An empty field is a list of NaN. Lists of different lengths, or not of numbers, stay texts.
+    """
+    own = {name: column}
+    if column.dtype.kind not in "OU" or not len(column):
+        return own
+    some = [field for field in column[:_SAMPLE] if field]
+    if not some or not all(_LIST.fullmatch(field) for field in some):
+        return own
+    rows = [re.split(r"[,;\s]+", field.strip(" []()")) if field else None for field in column]
+    width = len(re.split(r"[,;\s]+", some[0].strip(" []()")))
+    if width > _MOST_ENTRIES or any(row is not None and len(row) != width for row in rows):
+        return own
+    try:
+        numbers = np.array([row or [np.nan] * width for row in rows], dtype=np.float64)
+    except ValueError:
+        return own
+    return {f"{name}_{k}": part for k, part in enumerate(numbers.T.copy())}
 
 
 def _index(name: str, column: np.ndarray) -> bool:
