@@ -1,4 +1,4 @@
-"""Go2 on the ground: squats, a trot, and waving a leg; nobody measures the forces on its feet."""
+"""Go2 on the ground: squats, a trot, and waving a leg; the forces on its feet are not measured."""
 
 from nsaid_mj import NullspaceAID, Scenario, Walk, WalkingPlant, main
 

@@ -2,7 +2,7 @@
 
 Pages of marked source files, of the vehicles' sources, of the changelog and of the security policy
 are made at build time; the table of equations is put in the place of its marker. The search finds
-source files after all other pages, and the reference of Python after the guides.
+source files and the changelog after all other pages, and the reference of Python after the guides.
 """
 
 import re
@@ -57,7 +57,7 @@ def on_files(files: Any, config: Any) -> Any:
         text = f"{_LAST}<!-- {path.parent.name} -->\n{path.read_text('utf-8')}"
         files.append(File.generated(config, f"sources/{path.parent.name}.md", content=text))
     for name in ("CHANGELOG.md", "SECURITY.md"):
-        text = (ROOT / name).read_text("utf-8").replace("](docs/", "](")
+        text = _LAST + (ROOT / name).read_text("utf-8").replace("](docs/", "](")
         files.append(File.generated(config, name.lower(), content=text))
     return files
 

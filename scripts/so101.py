@@ -118,7 +118,7 @@ def halves(given: ServoLogs) -> None:
             for part in parts
         ]
         for a, b in zip(*(r.parameters for r in results), strict=True):
-            if "gravity does not tell" in a.combination + b.combination:
+            if "gravity does not determine" in a.combination + b.combination:
                 continue
             widths = [np.log(p.high / p.value) for p in (a, b)]
             held = a.low <= b.value <= a.high and b.low <= a.value <= b.high

@@ -173,6 +173,14 @@ def test_a_command_prints_what_a_page_shows(
         assert now == pytest.approx(then, rel=0.02), f"{page}: {line} prints {found}"
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("story", ["arm", "rov", "legs"])
+def test_identify_prints_what_docs_output_shows(story: str) -> None:
+    words = [sys.executable, "-m", "scripts.output", "--check", story]
+    said = subprocess.run(words, cwd=CHECKOUT, capture_output=True, text=True, check=False)
+    assert said.returncode == 0, said.stdout + said.stderr
+
+
 def test_every_page_is_in_the_sites_navigation() -> None:
     nav = (CHECKOUT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:")[2]
     nav = re.sub(r"#.*", "", nav)

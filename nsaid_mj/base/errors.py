@@ -64,6 +64,9 @@ class InvalidInput(NsaidError, ValueError):
         super().__init__(f"{name}: expected {expected}, got {self.got}. {remedy}")
 
 
+_LISTED = 40  # names that a message lists, at most
+
+
 class UnknownName(NsaidError, KeyError):
     """A name that does not exist, with similar names that do.
 
@@ -77,13 +80,12 @@ class UnknownName(NsaidError, KeyError):
     def __init__(self, kind: str, name: str, choices: Iterable[str], remedy: str = ""):
         self.kind = kind
         self.name = name
-        self.choices = tuple(sorted(choices))
+        self.choices = tuple(sorted(set(choices)))
         self.near = tuple(difflib.get_close_matches(name, self.choices, n=5, cutoff=0.5))
-        hint = (
-            f"Did you mean {', '.join(self.near)}?"
-            if self.near
-            else f"Known: {', '.join(self.choices)}."
-        )
+        more = len(self.choices) - _LISTED
+        hint = f"Known: {', '.join(self.choices[:_LISTED])}{f' and {more} more' * (more > 0)}."
+        if self.near:
+            hint = f"Did you mean {', '.join(self.near)}?"
         super().__init__(f"unknown {kind}: {name!r}. {hint} {remedy}".rstrip())
 
     def __str__(self) -> str:

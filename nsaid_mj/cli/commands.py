@@ -312,9 +312,11 @@ def _code(finished: Run, result: RunResult) -> int:
 
 def _list() -> int:
     print("Scenarios, for `nsaid run NAME`:")
-    for name, path in scenarios().items():
+    found = scenarios()
+    widest = max(map(len, found))
+    for name, path in found.items():
         title = path.read_text(encoding="utf-8").split('"""')[1].strip().splitlines()[0]
-        print(f"  {name:16} {title}")
+        print(f"  {name:{widest}}  {title}")
     print("\nRobots, for `nsaid run arm --robot NAME` (or the path of a URDF file):")
     for line in listed_robots():
         print(f"  {line}")

@@ -80,15 +80,15 @@ class Identify:
     validate: Files = ()
     map: File = None
     validate_map: File = None
-    known: UseAppendAction[tuple[Annotated[str, arg(metavar="NAME=VALUE")], ...]] = ()
-    load: UseAppendAction[tuple[Annotated[str, arg(metavar="FILE:MASSkg@LINK")], ...]] = ()
+    known: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=VALUE")] = ()
+    load: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="FILE:MASSkg@LINK")] = ()
     lock: Names = ""
     joints: Names = ""
-    columns: str = "auto"
-    delay: str = "auto"
+    columns: Annotated[str, arg(metavar="auto|NAMES")] = "auto"
+    delay: Annotated[str, arg(metavar="auto|NUMBERS")] = "auto"
     cutoff: Number = None
     fix: Switch = False
-    law: str = "batch"
+    law: Annotated[str, arg(metavar="LAW")] = "batch"
     limit: float = 4.0
     out: Folder = None
     force: Switch = False
@@ -162,7 +162,7 @@ class Excite:
     duration: float = 20.0
     want: Annotated[str, arg(metavar="gains|all|NAMES")] = "gains"
     limits: File = None
-    criterion: str = "bound"
+    criterion: Annotated[str, arg(metavar="WORD")] = "bound"
     noise: Words = None
     seed: int = 0
     effort: float = 1.0
@@ -202,10 +202,10 @@ class Live:
     """
 
     model: Annotated[str, arg(metavar="FILE_OR_NAME")]
-    law: str = "efficient"
+    law: Annotated[str, arg(metavar="LAW")] = "efficient"
     rate: float = 500.0
     udp: Annotated[int | None, arg(metavar="PORT", help_behavior_hint="")] = None
-    frame: str = "ENU/FLU"
+    frame: Annotated[str, arg(metavar="WORD")] = "ENU/FLU"
     position_noise: float = 1e-4
     velocity_noise: float = 5e-3
     prior_error: float = 1.0
@@ -347,7 +347,8 @@ def _sorted(options: Identify | Inspect) -> Identify | Inspect:
         words.remove(files[0])
     if isinstance(options, Inspect):
         return replace(options, logs=tuple(words), log=(), model=model)
-    if model is None and len(options.logs) == 1 and not (files or words[0].exists()):
+    named = len(options.logs) == 1 and not options.logs[0].suffix
+    if model is None and named and not options.logs[0].exists():
         model = str(words.pop(0))
     return replace(options, logs=(), log=tuple(words), model=model)
 

@@ -66,7 +66,7 @@ class Compare:
     """
 
     methods: Words = None
-    seeds: str = "0:3"
+    seeds: Annotated[str, arg(metavar="NUMBERS")] = "0:3"
     durations: Words = None
     sensors: Words = None
     noise_scales: Words = None
@@ -100,11 +100,11 @@ class Sweep:
         quiet: print only errors.
     """
 
-    vary: UseAppendAction[tuple[Annotated[str, arg(metavar="FIELD=A,B,C")], ...]] = ()
+    vary: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="FIELD=A,B,C")] = ()
     seeds: int = 10
     jobs: Count = None
     timeout: Number = None
-    engine: str = "local"
+    engine: Annotated[str, arg(metavar="WORD")] = "local"
     address: Words = None
     retry: Switch = False
     out: Folder = None
@@ -158,7 +158,7 @@ class Track:
     """
 
     laws: Words = None
-    seeds: str = "0:10"
+    seeds: Annotated[str, arg(metavar="NUMBERS")] = "0:10"
     out: Folder = None
     force: Switch = False
     quiet: Switch = False

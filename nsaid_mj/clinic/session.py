@@ -14,7 +14,7 @@ import numpy as np
 import orjson
 
 from ..base import single_threaded
-from ..core import Array, Identifier, Log, Measurement, State
+from ..core import Array, Identifier, Log, Measurement, State, Status
 from ..lab import (
     INTERVAL,
     Observer,
@@ -207,7 +207,11 @@ class Session:
         self._frame, self.cleaner = frame, Cleaner(self.robot.system, 1 / scenario.dt, frame)
 
     def warm_up(self) -> None:
-        """Loads everything a run needs, above all kernels, by a short run on an invented motion."""
+        """Loads everything a run needs, above all kernels, by a short run on an invented motion.
+
+        Raises:
+            KeyboardInterrupt: by Ctrl-C meanwhile, which the short run takes as its own end.
+        """
         system = self.robot.system
         dt = self.scenario.dt
         rng = np.random.default_rng(0)
@@ -219,7 +223,10 @@ class Session:
             parts = {"t": k * dt, "q": q, "v": moved, "u": u}
             lines.append(orjson.dumps(parts, option=orjson.OPT_SERIALIZE_NUMPY) + b"\n")
         with TemporaryDirectory(prefix="nsaid-mj-") as folder:
-            self.run(io.BytesIO(b"".join(lines)), Path(folder), lambda _: None)
+            invented = io.BytesIO(b"".join(lines))
+            run = self.run(invented, Path(folder), lambda _: None, stopped=Status.interrupted)
+        if run.ending.status is Status.interrupted:
+            raise KeyboardInterrupt
         self.cleaner = Cleaner(system, 1 / dt, self._frame)
 
     @single_threaded
@@ -230,11 +237,12 @@ class Session:
         show: Callable[[LiveEstimate], None],
         every: float = 0.0,
         observers: Sequence[Observer] = (),
+        stopped: Status = Status.completed,
     ) -> Run:
         """Follows the samples until they end; the folder is locked by the caller.
 
         `lines` are their source, see `Stream`; `show` receives estimates, at intervals of `every`
-        [s], 0 for one after all new samples.
+        [s], 0 for one after all new samples; `stopped` is the status of a run that Ctrl-C ends.
 
         Raises:
             InvalidInput: there are no samples, or ones of another robot or rate.
@@ -243,6 +251,7 @@ class Session:
         own = self.identifiers[""]
         counts = self.cleaner.counts
         source = Stream(self.robot.system, self.cleaner, lines)
+        source.stopped = stopped
         misfit = RunningMisfit(self.scenario, own, self.robot.prior)
         watchers = (EstimateStream(own, misfit, counts, show, every), *observers)
         run = followed(self.scenario, self.robot, source, self.identifiers, folder, watchers)

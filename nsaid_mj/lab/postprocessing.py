@@ -74,7 +74,9 @@ def finish(
 def _finish(
     run: Run, say: Callable[[str], None], command: str, earlier: RunResult | None
 ) -> RunResult:
-    say("evaluating the estimate")
+    asked = "interrupted; Ctrl-C again ends at once: "
+    early = asked if run.ending.status is Status.interrupted else ""
+    say(f"{early}evaluating the estimate")
     truth = Truth.of(run)
     stated_before = None if earlier is None else earlier.confidence
     result = evaluate(run, truth, stated_before)
@@ -82,7 +84,7 @@ def _finish(
     OutputFile(run.folder / SCENARIO).write_text(run.scenario.to_json() + "\n")
     if not _drawable(run.record):
         return result
-    say("writing recording and report")
+    say(f"{early}writing recording and report")
     checks = Verification.of_run(run, truth, result) if len(run.record) >= ROWS else None
     result = with_curves(result, run, truth)
     if installed("rerun"):

@@ -40,8 +40,10 @@ _PERIOD = 0.1  # smallest interval between two updates of the bar [s]
 class Progress(Observer):
     """One transient line on the terminal for a whole command.
 
-    During a run it is a bar with simulated time, real-time factor and velocity error, at other
-    times a spinner with the text set by `say`. It reports when kernels are being compiled.
+    During a run it is a bar with simulated time, time left, real-time factor and velocity error; at
+    other times a spinner with the text set by `say`, or a bar with the time left, set by `stage`.
+    It reports when kernels are being compiled. Without a terminal, a line now and then tells a
+    run's and a stage's time left, and that kernels are being compiled.
 
     Args:
         name: name of the run.
@@ -62,6 +64,7 @@ class Progress(Observer):
         self._stack = ExitStack()
         self._functions = 0
         self._told = -math.inf
+        self._watch = Stopwatch()
 
     def __enter__(self) -> Progress:
         """Shows the line."""
@@ -81,24 +84,40 @@ class Progress(Observer):
         self._bar.update(self._task, description=f"{self._name}: {words}")
 
     def stage(self, words: str, share: float | None) -> None:
-        """Shows a text, and a bar if the completed share is known."""
+        """Shows a text, and a bar with the time left if the completed share is known.
+
+        The time left is extrapolated from the share of 0 on.
+        """
+        if not share:
+            self._watch = Stopwatch()
+        figures = f"{100 * share:.0f} %{self._left(share)}" if share else ""
         self._bar.update(
             self._task,
             description=f"{self._name}: {words}",
             total=None if share is None else 1.0,
             completed=share or 0.0,
-            figures="" if share is None else f"{100 * share:.0f} %",
+            figures=figures,
         )
+        if figures:
+            self._tell(f"{words}, {figures}")
+
+    def _left(self, share: float) -> str:
+        """The time left when a share has been completed, in words."""
+        return f", about {_in_words(self._watch.seconds * (1 / share - 1))} left"
+
+    def _tell(self, words: str) -> None:
+        """Without a terminal, prints a line, unless the last one was just printed."""
+        now = time.monotonic()
+        if not self._console.is_terminal and now - self._told > _PATIENCE:
+            self._told = now
+            self._console.print(f"{self._name}: {words}", highlight=False, markup=False)
 
     def _compiling(self) -> None:
-        """Reports that kernels are being compiled; without a terminal a line now and then."""
+        """Reports that kernels are being compiled."""
         self._functions += 1
         words = COMPILING if self._functions == 1 else f"{COMPILING}: {self._functions} functions"
-        if self._console.is_terminal:
-            self.say(words)
-        elif time.monotonic() - self._told > _PATIENCE:
-            self._told = time.monotonic()
-            self._console.print(f"{self._name}: {words}", highlight=False)
+        self.say(words)
+        self._tell(words)
 
     def start(self, scenario: Scenario, robot: RobotDescription, first: Measurement) -> None:
         """Shows an empty bar, and announces the cost of a long run."""
@@ -115,16 +134,20 @@ class Progress(Observer):
         if now - self._last < _PERIOD:
             return
         self._last, t = now, float(log.t[-1])
+        if t <= 0:
+            return
         speed = t / max(now, 1e-9)
         dv = states[""].v_hat - log.v[-1]
-        left = f"{(self._end - t) / speed:.0f} s left" if speed else ""
+        figures = f"{t:.1f} of {self._end:g} s{self._left(t / self._end)}"
         self._bar.update(
             self._task,
             completed=t,
             description=self._name,
-            figures=f"{t:.1f} of {self._end:g} s   {speed:.1f} × real time   "
-            f"rms Δv {(dv @ dv / len(dv)) ** 0.5:.1e}   {left}",
+            figures=f"{figures}   {speed:.1f} × real time   "
+            f"rms Δv {(dv @ dv / len(dv)) ** 0.5:.1e}",
         )
+        if now > _PATIENCE:
+            self._tell(figures)
 
     def stop(self) -> None:
         """Turns the bar back into a spinner, after a last update."""

@@ -81,11 +81,14 @@ def over_time(panel: Panel) -> str:
 
 
 def _times(some: Sequence[Array]) -> tuple[float, float]:
-    """First and last of all times [s]; 0 and 1 if there are none, or only one."""
+    """First and last of all times [s]; 0 and 1 if there are none, a second more if only one."""
     every = np.concatenate([t for t in some] or [np.zeros(0)])
-    if not len(every) or np.ptp(every) <= 0:
-        return (float(every[0]), float(every[0]) + 1.0) if len(every) else (0.0, 1.0)
-    return float(every.min()), float(every.max())
+    if not len(every):
+        return 0.0, 1.0
+    first = float(every.min())
+    last = float(every.max())
+    # a second later is another float only where times are below 1e16 s
+    return first, last if last > first else first + max(1.0, 1e-9 * abs(first))
 
 
 def forest(panel: Forest) -> str:

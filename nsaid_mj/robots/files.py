@@ -50,7 +50,8 @@ def robot_file(name: str, others: Sequence[str] = ()) -> RobotFile:
     if path.suffix or path.name != name:
         raise BadRobot(name, "", "no such file", REMEDY)
     if name not in known_robots():
-        remedy = REMEDY if has_example_robots() else f"{REMEDY} {MORE_ROBOTS}"
+        remedy = f"`nsaid list` shows all. {REMEDY}"
+        remedy += "" if has_example_robots() else f" {MORE_ROBOTS}"
         raise UnknownName("robot", name, [*known_robots(), *packed_folders(), *others], remedy)
     from example_robot_data.robots_loader import getModelPath
 

@@ -140,4 +140,6 @@ def plausible_size(lengths: Iterable[float]) -> float:
 
 
 def _listed(values: Iterable[float]) -> str:
-    return ", ".join(rounded(value) for value in values)
+    """Values in words; once if all are equal."""
+    words = [rounded(value) for value in values]
+    return words[0] if len(set(words)) == 1 else ", ".join(words)

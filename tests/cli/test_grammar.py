@@ -8,6 +8,7 @@ import pytest
 
 from nsaid_mj.cli import grammar
 from nsaid_mj.cli.commands import command
+from tests.support.faulty import shell
 
 
 @pytest.mark.parametrize("word", ["identify", "inspect"])
@@ -46,3 +47,8 @@ def test_help_shows_no_none_and_no_empty_default(line: str, capsys) -> None:
     assert "{None}|" not in said.replace("{None}|{[INT", "")
     for nothing in ("(default: )", "(default: None)", "(default: '')"):
         assert nothing not in " ".join(said.split())
+
+
+def test_a_missing_log_is_no_robot_of_that_name(tmp_path: Path) -> None:
+    code, said = shell("identify", tmp_path / "log.csv")
+    assert code == 2 and "log.csv: there is no such file" in said.err

@@ -14,7 +14,7 @@ from ...base import InvalidInput, OutputFile, numbers_in, print_json, printable
 from ...lab import ResultsFolder
 from ...report import ExitCode
 from ...robots import asset
-from .checks import check_identify, check_inspect, known_number, names_in
+from .checks import check_identify, check_inspect, check_logs, known_number, names_in
 
 if TYPE_CHECKING:
     from ...lab import Progress
@@ -40,6 +40,7 @@ def identify_log(chosen: ToIdentify) -> int:
     """Executes `nsaid identify` and returns the exit code."""
     model = chosen.model
     if model is None:
+        check_logs(chosen.log)
         raise InvalidInput("--model", "a model file or name", "none", "Such as --model arm.urdf.")
     check_identify(chosen, model)
     from ..logs.formats import limited_to

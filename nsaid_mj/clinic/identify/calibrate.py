@@ -86,7 +86,7 @@ def calibrate(
     report("fitting and estimating intervals")
     fitted = _estimated(robot, made, known, options.apart)
     if known:
-        report("comparing what is told with the log and the model file")
+        report("comparing given values with the log and the model file")
         other = without_contradicted(robot, recordings, fitted, options)
         if other is not None:
             return calibrate(robot, recordings, validation, other, report)

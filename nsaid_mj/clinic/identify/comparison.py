@@ -156,7 +156,8 @@ def _fitted_servos(given: ServoLogs, model: str, report: Report) -> list[_Part]:
     if len(logs) == 1:
         logs = logs[0].halves()
     found = []
-    for own, rest in ((logs[::2], logs[1::2]), (logs[1::2], logs[::2])):
+    halves = logs[::2], logs[1::2]
+    for number, (own, rest) in enumerate((halves, halves[::-1]), start=1):
         part = given._replace(logs=tuple(rest))
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "fitted.xml")
@@ -165,7 +166,7 @@ def _fitted_servos(given: ServoLogs, model: str, report: Report) -> list[_Part]:
                 delay = np.array([servo.delay for servo in result.servos])
                 write_servo_mjcf(result, path)
             else:
-                report(f"fitting by {model}, which takes minutes")
+                report(f"fitting half {number} of 2 by {model}, which takes minutes")
                 delay = np.asarray(write_by_toolbox(part, path, model == SYSID))
             found += [_apart(path, given, log, delay) for log in own]
     return found
@@ -193,14 +194,15 @@ def _fitted_arm(
             for rows in ((0, half), (half, len(one.log.t)))
         ]
     found = []
-    for own, rest in ((segments[::2], segments[1::2]), (segments[1::2], segments[::2])):
+    halves = segments[::2], segments[1::2]
+    for number, (own, rest) in enumerate((halves, halves[::-1]), start=1):
         part = replace(recordings, segments=tuple(rest))
         if model == IDENTIFIED:
             fitted = calibrate(robot, part, options=options, report=report)
             values = identified(fitted)
             delays = [joint.delay for joint in fitted.joints]
         else:
-            report("fitting by sysid, which takes minutes")
+            report(f"fitting half {number} of 2 by sysid, at most {Toolbox.BUDGET:g} CPU s")
             values, delays = by_toolbox(robot, part)
         late = tuple(delayed(segment, delays) for segment in own)
         found.append(_departed(robot, values, replace(recordings, segments=late)))

@@ -64,8 +64,8 @@ def with_dry_mass(robot: RobotModel, mass: float) -> RobotModel:
         heavier = with_inertias(robot.model, links.reshape(-1, 10) * mass / whole, robot.rotor)
         findings = robot.findings
         if off_file(robot, mass):
-            text = f"the told {mass:.3g} kg are {mass / whole:.2g} times the {whole:.3g} kg of the "
-            text += (
+            text = (
+                f"the given {mass:.3g} kg are {mass / whole:.2g} times the {whole:.3g} kg of the "
                 "model file; all gains, frictions and inertias follow it, and no motion checks it"
             )
             remedy = "Weigh the robot as it was during the log, or correct the file."

@@ -187,18 +187,18 @@ def _stepped(result: Identification, values: Identified) -> Finding:
     if np.isfinite(own.swing):
         figures.append(f"of swinging legs {100 * own.swing:.2g} % ({100 * nominal.swing:.2g} %)")
     text = (
-        "one-step errors of MuJoCo's inverse dynamics of the exported model along the log, without "
-        f"the feet's forces, over what the commands do: {', '.join(figures)}; in brackets with the "
+        "error of MuJoCo's inverse dynamics of the exported model along the log, contact forces "
+        f"projected out, in % of what the commands do: {', '.join(figures)}; in brackets with the "
         "original model file. "
     )
     if np.isfinite(own.replay):
         text += (
-            "Simulated for 0.2 s by the commands along the base's measured motion, joints of legs "
-            f"that swing are off by {_figure(own.replay)} ({_figure(nominal.replay)}) rad, rms. "
+            "Simulated for 0.2 s by the commands along the base's measured motion, joints of "
+            f"swinging legs are off by {_figure(own.replay)} ({_figure(nominal.replay)}) rad, rms. "
         )
     text += (
-        "The whole robot is not simulated, since a foot that touches down a moment earlier or "
-        "later makes another motion of it, however good the model is"
+        "The whole robot is not simulated: a foot that touches down a moment earlier gives another "
+        "motion, however good the model is"
     )
     data = {
         "exported": [own.stance, own.swing if np.isfinite(own.swing) else own.stance],

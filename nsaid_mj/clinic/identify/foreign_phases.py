@@ -45,9 +45,9 @@ _LASTING = 0.5  # least duration of a phase that is named after its commands [s]
 _RARE = 0.005  # quantile of a velocity beyond which it hardly occurs
 _FROZEN = 1e-3  # change over the same, up to which a command does not change
 _WHY: dict[Kind, str] = {
-    "moved by hand": "it moves while its commands are zero, far from what explains the rest",
-    "paused controller": "its commands stand still, far from what explains the rest",
-    "contact": "other forces act, as of a contact; motion alike is explained elsewhere",
+    "moved by hand": "it moves while its commands are zero, unlike in the rest of the log",
+    "paused controller": "its commands stand still, unlike in the rest of the log",
+    "contact": "other forces act, as in contact; similar motion is explained elsewhere",
 }
 
 

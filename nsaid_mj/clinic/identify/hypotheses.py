@@ -162,12 +162,12 @@ def _finding(problem: FitProblem, told: _Told, by: _Predicted, words: str) -> Fi
     """Reports a contradicted value, first of all findings."""
     ends = " to ".join(number(x, significant=2) for x in (by.low, by.high))
     text = (
-        f"the told {told.words(problem)} contradicts the log and {words}: without it, the fit "
+        f"the given {told.words(problem)} contradicts the log and {words}: without it, the fit "
         f"gives {number(by.value, significant=3)} ({ends})"
     )
     ratio = told.value / by.value
     if ratio > 0:
-        text += f"; the told value is {number(ratio, significant=2)} times that"
+        text += f"; the given value is {number(ratio, significant=2)} times that"
     text += ", and was not used"
     for factor, name in _UNITS.items():
         if 1 / _SAME_UNIT < ratio / factor < _SAME_UNIT:
@@ -228,10 +228,10 @@ def _elsewhere(
     factor = float(np.exp(np.median(np.log(theta[at] / fitted.fit.theta[at]))))
     mass = float(carried.prior[0])
     text = (
-        f"the load of {mass:g} kg, told at {names[own - 1]} in {', '.join(sorted(told))}, "
+        f"the load of {mass:g} kg, given at {names[own - 1]} in {', '.join(sorted(told))}, "
         f"contradicts the logs: they fit far better with it at {where} in {logs} (the "
         f"log-likelihood rises by {gained:.0f}, and gains become {number(factor, significant=2)} "
-        "times those with the told place); its mass was not used"
+        "times those at the given place); its mass was not used"
     )
     remedy = "Check where it was and which log carried it; then give, if it is so, "
     remedy += " ".join(f"`--load {file}:{mass:g}kg@{names[body - 1]}`" for file in logs.split(", "))

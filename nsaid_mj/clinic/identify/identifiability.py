@@ -409,8 +409,8 @@ def idle_values(problem: FitProblem, scale: Scale, known: Mapping[str, float]) -
         share = _share(problem, index)
         members = combined.members(index)
         if index in problem.space.actuators:
-            why = "the log hardly couples it to the other parameters"
-            why += ", and not at all to those of other limbs" if scale.limbs > 1 else ""
+            why = "in this log the other parameters hardly depend on it"
+            why += ", and those of other limbs not at all" if scale.limbs > 1 else ""
         elif members:
             seen = in_words(combined.expression(members[0]), problem.space)
             why = f"the log shows it only in combination ({seen})"

@@ -22,7 +22,7 @@ _ALONE = Finding(
     "rotation_alone",
     "",
     "neither position nor linear velocity is given: `nsaid identify` fits roll, pitch and yaw, and "
-    "surge, sway and heave as far as depth or acceleration tell of them",
+    "surge, sway and heave as far as depth or acceleration measure them",
 )
 
 
@@ -87,7 +87,7 @@ def inspect(
                 if recordings.turns_only:
                     findings += (_ALONE,)
         except UnmatchedChannels as error:
-            text = f"cannot determine which channels are {', '.join(error.missing)}"
+            text = f"found no channels for {', '.join(error.missing)}"
             reasons = error.reasons
             remedy = "Complete map.toml by hand and pass it with --map."
             leaders = [joint for joint in robot.joints if joint in robot.leaders]

@@ -91,7 +91,7 @@ def inspection_page(found: Inspection) -> Page:
     """The page of an inspected log: findings, signals over time, and all channels.
 
     The signals are q, v and u of every joint, or all channels if they are not matched. What a fit
-    does not use of them is shaded.
+    does not use of them is shaded; changes of a controller's mode are vertical lines.
     """
     if found.recordings is not None and found.robot is not None:
         sections = _signals(found.recordings, found.robot)
@@ -140,9 +140,23 @@ def _parts(recordings: Recordings) -> list[_Part]:
     return found
 
 
+def _modes(recordings: Recordings) -> list[tuple[float, str]]:
+    """Where each mode of a controller begins on the axis of all logs [s], and its name."""
+    found: list[tuple[float, str]] = []
+    start = 0.0
+    for phase in recordings.phases:
+        first, last = phase.log.t[[0, -1]].tolist()
+        for mode in phase.own_modes:
+            if not found or found[-1][1] != mode.name:
+                found.append((start + mode.start - first, mode.name))
+        start += last - first
+    return found
+
+
 def _signals(recordings: Recordings, robot: RobotModel) -> list[Section]:
     """Positions, velocities and commands over time, and which phases are left out."""
     parts = _parts(recordings)
+    modes = _modes(recordings)
     names = signal_names(robot)
     own = zip(names["u"], recordings.command_units, strict=False)
     names["u"] = [(name, unit) for (name, _), unit in own] or names["u"]
@@ -150,12 +164,20 @@ def _signals(recordings: Recordings, robot: RobotModel) -> list[Section]:
     sections = []
     for place, (title, columns) in enumerate(zip(kinds, names.values(), strict=True), 1):
         panels = _panels(parts, place, kinds[title], columns)
+        for panel in panels:
+            panel.events = [time for time, _ in modes]
+            panel.event_name = "mode"
         if panels:
             sections.append(Section(title, [Figures(figures_of(panels), title.lower())]))
     left_out = [
         f"{part.kind}: {part.t[0]:.4g} to {part.t[-1]:.4g} s" for part in parts if part.kind
     ]
-    return sections + ([Section("Phases that are not used", [Items(left_out)])] if left_out else [])
+    if left_out:
+        sections.append(Section("Phases that are not used", [Items(left_out)]))
+    if modes:
+        begun = [f"{name} from {time:.4g} s" for time, name in modes]
+        sections.append(Section("Modes of the controller", [Items(begun)]))
+    return sections
 
 
 def _panels(

@@ -121,9 +121,9 @@ def identification_page(result: Identification, command: str = "") -> Page:
 
 
 def phases_table(recordings: Recordings) -> list[PageItem]:
-    """The phases of the logs, and why some take no part in the fit; none if all do."""
+    """The phases of the logs, and why some take no part in the fit; none if all do in one mode."""
     found = recordings.phases
-    if all(phase.used for phase in found):
+    if all(phase.used and len(phase.own_modes) < 2 for phase in found):
         return []
     lines: list[list[Cell]] = [list(phase.row) for phase in found]
     return [Table(("log", "time", "phase", "in the fit"), lines, (0, 2, 3), most=_LINES)]
@@ -205,8 +205,12 @@ def _quality(result: Identification) -> Table:
     checked = any(j.validation is not None for j in result.joints)
     heads = [f"NRMSE by {wording.rows_of(result)[0]}", "fit", "held out"]
     heads += ["least squares", *["validation", "least squares"] * checked]
-    units = ", ".join(f"{unit}/s" for unit in dict.fromkeys(result.robot.units))
-    heads += ["delay", f"friction speed [{units}]", "columns"]
+    units = dict.fromkeys(
+        f"{unit}/s"
+        for unit, joint in zip(result.robot.units, result.joints, strict=False)
+        if math.isfinite(joint.friction_speed)
+    )
+    heads += ["delay", f"friction speed [{' or '.join(units)}]", "columns"]
     lines: list[list[Cell]] = []
     kept = [j for j in result.joints if j.name not in result.robot.followers]
     if len(kept) > _LINES:

@@ -187,12 +187,12 @@ def doubts(
         if not beyond and explained <= _EXPLAINED and share.max() < _NOTED:
             continue
         amount = f", {suspect.size(coefficients[0])}" if suspect.size else ""
-        words = f", which would move {label} by {100 * moved:.0f} %" if moved > 0.01 else ""
+        words = f"; {label} may be off by {100 * moved:.0f} %" if moved > 0.01 else ""
         if moved >= 1:
-            words = f", and {label} cannot be told from it"
+            words = f", from which {label} cannot be told apart"
         level = "warning" if beyond or explained > _EXPLAINED else "note"
-        part = f"{100 * share.max():.0f} % of their variance"
-        text = f"the residuals correlate with {suspect.words}{amount} ({part}{words})"
+        part = f"{100 * share.max():.0f} % of the residuals' variance"
+        text = f"{part} correlates with {suspect.words}{amount}{words}"
         data = {"share": float(share.max()), "moved": moved, "parameter": label}
         findings.append(Finding(level, "residuals", suspect.where, text, suspect.remedy, data))
     return findings

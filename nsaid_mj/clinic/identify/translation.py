@@ -226,5 +226,5 @@ def left_out(findings: Sequence[Finding]) -> str:
         if finding.code == ALONE:
             parts: Mapping[str, Any] = finding.data
             used, rest = (", ".join(parts[key]) for key in ("used", "left_out"))
-            return f"This is said of {used}; {rest} cannot be judged, as they are not measured."
+            return f"This holds for {used}; {rest} are not measured and cannot be judged."
     return ""

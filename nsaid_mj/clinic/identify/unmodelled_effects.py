@@ -31,6 +31,7 @@ MOST = {  # of hinges [rad] and slides [m], or [s]: what is larger is something 
 UNITS = ("mrad", "mm")
 _LARGEST = 0.99  # quantile of a joint's torques
 _SMALL = 0.1  # of the rms force: below it the inverse force of a dead zone stays constant
+_REVERSES = 0.01  # share of rows in which a force is reversed, from which it has two directions
 PLAYS = (0.002, 0.006, 0.02)  # of gears [rad or m], with which free links are simulated
 _APART = 3.0  # size found over the simulated one: how often and how fast a link crosses its play
 # depends on the play, so that a column says nothing of quite another one
@@ -148,8 +149,12 @@ def command_suspects(t: Array, forces: Array, names: Sequence[str]) -> Iterator[
         own = forces[:, :, k]
         signed = own @ np.linalg.svd(own.T @ own)[0][:, 0]
         size = np.abs(signed) / max(float(np.sqrt(np.mean(signed**2))), 1e-300)
+        reversing = []
+        if min(np.mean(signed > 0), np.mean(signed < 0)) > _REVERSES:  # else it is its own column
+            weaker = "Its drive is weaker in one direction."
+            reversing = [("the sign of its force", np.sign(signed), weaker)]
         for words, factor, more in (
-            ("the sign of its force", np.sign(signed), "Its drive is weaker in one direction."),
+            *reversing,
             ("the size of its force", size, "It may saturate."),
             ("a dead zone of its force", 1 / np.maximum(size, _SMALL), "It may have a dead zone."),
         ):

@@ -143,8 +143,8 @@ def _of_predictions(joints: Sequence[JointStructure], arm: bool) -> tuple[Explai
     values = np.array([part.error for part in parts])
     worst = joints[int(np.argmax(values))]
     figures = (
-        f"on held-out data its error is {_range(held_out)} of each command's standard deviation "
-        f"(100 % would be no better than predicting the mean){_in_forces(worst)}"
+        f"held-out error {_range(held_out)} of each command's standard deviation "
+        f"(predicting its mean: 100 %){_in_forces(worst)}"
     )
     checked = [j.validation for j in joints if j.validation is not None]
     if np.isfinite(checked).any():

@@ -11,6 +11,7 @@ import numpy as np
 from ...base import Finding, pin
 from ...core import Array, number, rounded
 from ...robots import RobotModel
+from .accelerometer import accelerometer_causes
 from .causes import CLEAR, DEGREES, velocity_causes
 from .command_causes import command_causes
 from .evidence import LogMotion, limits, misfit, motion_of, scaled
@@ -33,7 +34,10 @@ def checked(recordings: Recordings, robot: RobotModel) -> Recordings:
     findings = (*recordings.findings, *checks(recordings, robot))
     if Finding.refused(findings):
         raise UnusableLog(findings)
-    return replace(recordings, findings=findings)
+    segments = recordings.segments
+    if not recordings.turns_only:  # velocities tell accelerations without a bias
+        segments = tuple(segment._replace(specific=None) for segment in segments)
+    return replace(recordings, segments=segments, findings=findings)
 
 
 def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
@@ -58,7 +62,7 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
         level = "refusal" if seconds < TOO_SHORT else "warning"
         found.append(Finding(level, "short_log", "", text, remedy, {"seconds": seconds}))
     if not robot.jointed:
-        return _first_clocks([*found, *frame_causes(recordings, robot)])
+        return _first_clocks([*found, *_axes_of_vehicle(recordings, robot)])
     remedy = "Map the column of its position, or leave the joint out with --lock."
     still = _dead("position", motion.q, 1e-9, robot, remedy)
     found += still
@@ -101,6 +105,12 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     if not robot.weightless and not Finding.refused(found):
         found += _large_commands(motion, recordings, robot)
     return _first_clocks(found)
+
+
+def _axes_of_vehicle(recordings: Recordings, robot: RobotModel) -> list[Finding]:
+    """Findings about the axes of a vehicle; an accelerometer is judged by velocities that hold."""
+    found = frame_causes(recordings, robot)
+    return found if Finding.refused(found) else [*found, *accelerometer_causes(recordings)]
 
 
 def _first_clocks(found: list[Finding]) -> tuple[Finding, ...]:

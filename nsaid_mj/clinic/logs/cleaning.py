@@ -318,12 +318,13 @@ def limits_stated(
 ) -> Finding:
     """Reports the speeds below which rows are not used, and the share of rows above."""
     usable = np.concatenate([segment.usable for segment in segments]).mean(axis=0)
+    units = robot.units[-len(robot.joints) :]  # those before are of a floating base
     each = ", ".join(
-        f"{robot.joints[j]} {number(limits[j], significant=2)} ({100 * usable[j]:.0f} %)"
+        f"{robot.joints[j]} {number(limits[j], significant=2)} {units[j]}/s "
+        f"({100 * usable[j]:.0f} %)"
         for j in robot.independent
     )
-    text = "rows below these speeds [rad/s or m/s] are not used "
-    text += f"(in brackets: share of rows used): {each}"
+    text = f"rows at rest are not used, below these speeds (in brackets: rows used): {each}"
     data = {"limits": limits.tolist(), "share": usable.tolist()}
     return Finding("note", "rest_limits", file, text, data=data)
 

@@ -105,6 +105,7 @@ def _order_of_commands(motion: LogMotion, robot: RobotModel) -> dict[int, int]:
         for b, c in enumerate(joints):
             u = [late(motion, c, delay, rows[use]) for delay in DELAYS]
             errors[a, b] = max(min(min(model.error(x, s) for x in u) for s in (1, -1)), EXACT)
+    errors[np.isnan(errors)] = 1.0  # of a command that does not change in these rows
     _, best = scipy.optimize.linear_sum_assignment(np.log(errors))
     order = dict(zip(joints, joints, strict=True))
     for cycle in cycles_of(best.tolist()):

@@ -195,7 +195,7 @@ def driven_joints(robot: RobotModel, motion: LogMotion) -> list[int]:
         for j, name in enumerate(robot.joints)
         if name not in robot.passive
         and motion.usable[:, j].sum() > 50
-        and np.ptp(motion.u[:, j]) > 0
+        and np.std(motion.u[motion.usable[:, j], j]) > 0  # 0 also where its squares underflow
     ]
 
 

@@ -111,21 +111,24 @@ _FEET = """
 
 _AXES = """\
 # order = "xyzw"  # or wxyz, of the quaternion
-# twist = "body"  # or world, the axes of `linear`
+# twist = "body"  # or world, the axes of `linear`; `angular_axes` those of `angular`
 # frame = "ENU/FLU"  # or NED/FRD
 # Instead of a quaternion, euler = ["roll", "pitch", "yaw"] in degrees, or in radians with
 # euler_unit = "rad". Without `linear` or `angular` the pose is differentiated; `position` may be
 # left out where `linear` is given. Without both the rotation alone is identified, with what these
 # tell, if the log has them:
 # depth = "depth"  # [m]
-# acceleration = ["ax", "ay", "az"]  # as an accelerometer measures it [m/s²]
+# acceleration = ["ax", "ay", "az"]  # as an accelerometer measures it; checked beside velocities
+# acceleration_unit = "m/s²"  # or g
 """
+_SCALAR_FIRST = "q0 q1 q2 q3"  # by convention the scalar is q0
 _IN_SPACE = {
     "position": ("positionx positiony positionz", "posx posy posz", "px py pz", "x y z"),
     "quaternion": (
         "orientationx orientationy orientationz orientationw",
         "quatx quaty quatz quatw",
         "qx qy qz qw",
+        _SCALAR_FIRST,
     ),
     "euler": (
         "rolldeg pitchdeg yawdeg",
@@ -143,11 +146,22 @@ _IN_SPACE = {
     "angular": (
         "angularx angulary angularz",
         "angularvelocityx angularvelocityy angularvelocityz",
+        "angvelx angvely angvelz",
         "gyrx gyry gyrz",
+        "gyrox gyroy gyroz",
         "wx wy wz",
         "p q r",
     ),
+    "acceleration": (
+        "linearaccelerationx linearaccelerationy linearaccelerationz",
+        "accbx accby accbz",
+        "accx accy accz",
+        "ax ay az",
+    ),
 }
+_OTHERWISE = {"linear": frozenset({"ang", "angular", "gyro", "acc", "acceleration"})}
+"""Words of names that are no such quantity in spite of their endings."""
+
 _IN_PLANE = {
     "position": (
         "xned yned yaw",
@@ -325,10 +339,12 @@ def _vehicle(tables: Sequence[LogTable], robot: RobotModel) -> str:
     other = "quaternion" if "euler" in given and "quaternion" not in given else "euler"
     for key, choices in (_IN_SPACE if spatial else _IN_PLANE).items():
         found = given.get(key)
-        if key == other:  # one of both tells the orientation
+        if key == other or (key == "acceleration" and not found):  # one tells the orientation
             continue
         names = json.dumps(found or choices[-1].split(), ensure_ascii=False)
         lines.append(f"{'' if found else '# '}{key} = {names}\n")
+        if key == "quaternion" and _named(_SCALAR_FIRST.split(), found or []):
+            lines.append('order = "wxyz"  # as q0 is usually the scalar\n')
         if key == "euler":
             most = max(np.abs(values_of(name, tables)).max(initial=0.0) for name in found or [])
             unit = "deg" if most > 2 * np.pi else "rad"
@@ -364,7 +380,9 @@ def motion_columns(channels: Collection[str], spatial: bool) -> dict[str, list[s
     """The columns of a vehicle's pose and twist that channels' names tell, by the map's keys."""
     found = {}
     for key, choices in (_IN_SPACE if spatial else _IN_PLANE).items():
-        names = next(filter(None, (_named(choice.split(), channels) for choice in choices)), None)
+        barred = _OTHERWISE.get(key, frozenset())
+        own = [name for name in channels if barred.isdisjoint(words(name))]
+        names = next(filter(None, (_named(choice.split(), own) for choice in choices)), None)
         if names is not None:
             found[key] = names
     return found
@@ -375,7 +393,7 @@ def lacking(channels: Collection[str], robot: RobotModel) -> tuple[list[str], li
     spatial = robot.system.m == 7
     given = motion_columns(channels, spatial)
     driven = set(candidates(channels, robot.joints)["command"])
-    keys = _IN_SPACE if spatial else _IN_PLANE
+    keys = _WORDS if spatial else _IN_PLANE
     lacks = [key for key in keys if key not in given]
     if spatial:  # what is required, as below
         lacks = [] if {"quaternion", "euler"} & given.keys() else ["quaternion"]

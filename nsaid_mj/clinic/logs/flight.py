@@ -12,10 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...base import Finding
 from ...core import Array
 from ...robots import RobotModel
 from .mapping import ColumnMap, Map, Vehicle
 from .tables import LogTable, channel_names, values_of
+from .unusable import UnusableLog
 
 _X = np.array([[1.0, -1.0], [-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0]])
 """Sides of motors 1 to 4, forward and left."""
@@ -39,37 +41,56 @@ class _Controller(NamedTuple):
 _PULSE = (1e-3, -1.0)  # 1000 to 2000 µs are 0 to 1
 _ENOUGH = 80.0  # of measured speeds [Hz]: straight lines between slower ones lose their variation
 
+_PX4_RATES = (  # of firmware since 2019, then before; the last one's are those of the gyroscope
+    tuple(f"vehicle_angular_velocity/xyz[{i}]" for i in range(3)),
+    tuple(f"vehicle_attitude/{axis}speed" for axis in ("roll", "pitch", "yaw")),
+    tuple(f"sensor_combined/gyro_rad[{i}]" for i in range(3)),
+)
+_ARDUPILOT_FILTERS = ("XKF1", "NKF1", "EKF1")  # messages of the estimator, the newest first
+
 _CONTROLLERS = (
-    _Controller(
-        "PX4",
-        Vehicle(
-            quaternion=tuple(f"vehicle_attitude/q[{i}]" for i in range(4)),
-            order="wxyz",
-            linear=tuple(f"vehicle_local_position/v{axis}" for axis in "xyz"),
-            angular=tuple(f"vehicle_angular_velocity/xyz[{i}]" for i in range(3)),
-            frame="NED/FRD",
-            twist="world",
-        ),
-        (
-            ("actuator_motors/control[{}]", 0, 1.0, 0.0),
-            ("actuator_outputs/output[{}]", 0, *_PULSE),
-        ),
-        (("esc_status/esc[{}].esc_rpm", 0),),
-        ("esc_status/esc[{}].actuator_function", 101),
+    *(
+        _Controller(
+            "PX4",
+            Vehicle(
+                quaternion=tuple(f"vehicle_attitude/q[{i}]" for i in range(4)),
+                order="wxyz",
+                linear=tuple(f"vehicle_local_position/v{axis}" for axis in "xyz"),
+                angular=rates,
+                frame="NED/FRD",
+                twist="world",
+            ),
+            (
+                ("actuator_motors/control[{}]", 0, 1.0, 0.0),
+                ("actuator_outputs/output[{}]", 0, *_PULSE),
+            ),
+            (("esc_status/esc[{}].esc_rpm", 0),),
+            ("esc_status/esc[{}].actuator_function", 101),
+        )
+        for rates in _PX4_RATES
     ),
-    _Controller(
-        "ArduPilot",
-        Vehicle(
-            euler=("ATT/Roll", "ATT/Pitch", "ATT/Yaw"),
-            linear=("XKF1/VN", "XKF1/VE", "XKF1/VD"),
-            angular=("IMU/GyrX", "IMU/GyrY", "IMU/GyrZ"),
-            frame="NED/FRD",
-            twist="world",
-        ),
-        (("RCOU/C{}", 1, *_PULSE),),
-        (("ESC_{}/RPM", 0), ("ESC{}/RPM", 1), ("RPM_{}/RPM", 0)),
+    *(
+        _Controller(
+            "ArduPilot",
+            Vehicle(
+                euler=("ATT/Roll", "ATT/Pitch", "ATT/Yaw"),
+                linear=tuple(f"{estimator}/V{axis}" for axis in "NED"),
+                angular=("IMU/GyrX", "IMU/GyrY", "IMU/GyrZ"),
+                frame="NED/FRD",
+                twist="world",
+            ),
+            (("RCOU/C{}", 1, *_PULSE), ("RCOU/Ch{}", 1, *_PULSE)),
+            (("ESC_{}/RPM", 0), ("ESC{}/RPM", 1), ("RPM_{}/RPM", 0)),
+        )
+        for estimator in _ARDUPILOT_FILTERS
     ),
 )
+
+
+def _controllers(name: str, channels: Collection[str]) -> list[_Controller]:
+    """The controllers of a firmware whose pose and twist are in a log; of any for ""."""
+    own = [each for each in _CONTROLLERS if name in ("", each.name)]
+    return [each for each in own if {*each.vehicle.columns} <= {*channels}]
 
 
 def flight_map(robot: RobotModel, tables: Sequence[LogTable]) -> tuple[Map, str] | None:
@@ -79,16 +100,20 @@ def flight_map(robot: RobotModel, tables: Sequence[LogTable]) -> tuple[Map, str]
     integrated from them. Commands are the rotors' measured speeds where the speed controllers
     report them often enough. None if topics are missing, or the vehicle does not have one rotor in
     each quadrant.
+
+    Raises:
+        UnusableLog: the log says that the vehicle has another frame than the sheet.
     """
     order = _order(robot) if robot.system.m == 7 else None
     names = set(channel_names(tables))
     if order is None and robot.system.m == 7:
         return _ardusub(robot, tables, names)
-    for controller in _CONTROLLERS if order is not None else ():
+    for controller in _controllers("", names) if order is not None else ():
         for pattern, first, ratio, offset in controller.motors:
             motors = [pattern.format(first + i) for i in order or ()]
-            if not {*controller.vehicle.columns, *motors} <= names:
+            if not {*motors} <= names:
                 continue
+            _check_frame("FRAME_TYPE", _COPTER_FRAMES, ("X", "H"), tables)
             columns = [ColumnMap(column=m, ratio=ratio, offset=offset) for m in motors]
             remark = "; 1000 to 2000 µs are 0 to 1" if offset else ""
             speeds = _speeds(controller, order or [], tables, names)
@@ -147,12 +172,13 @@ def _ardusub(
     A command is −1 to 1 for 1100 to 1900 µs; the direction that the sheet calls positive may be the
     frame's negative one, and `MOT_n_DIRECTION` may reverse a motor.
     """
-    vehicle = _CONTROLLERS[1].vehicle
+    own = _controllers("ArduPilot", names)
     for frame, motors in _SUB_FRAMES.items():
         found = _thrusters(robot, motors)
         channels = [f"RCOU/C{motor + 1}" for motor, _ in found]
-        if len(found) != len(robot.joints) or not {*vehicle.columns, *channels} <= {*names}:
+        if not own or len(found) != len(robot.joints) or not {*channels} <= {*names}:
             continue
+        _check_frame("FRAME_CONFIG", _SUB_CONFIGS, (frame,), tables)
         columns = []
         reversed_ones = []
         for (motor, side), channel in zip(found, channels, strict=True):
@@ -170,8 +196,33 @@ def _ardusub(
         pairs = [f"{c} is {joint}" for c, joint in zip(channels, robot.joints, strict=True)]
         text = f"the standard topics of ArduSub are used: {', '.join(pairs)}, as in the frame "
         text += f'"{frame}"; 1100 to 1900 µs are −1 to 1; {remark}'
-        return Map(vehicle=vehicle, actuators=dict(zip(robot.joints, columns, strict=True))), text
+        actuators = dict(zip(robot.joints, columns, strict=True))
+        return Map(vehicle=own[0].vehicle, actuators=actuators), text
     return None
+
+
+_SUB_CONFIGS = ("BlueROV1", "vectored", "vectored 6DOF", "vectored 6DOF 90", "SimpleROV 3")
+_COPTER_FRAMES = ("+", "X", "V", "H", "V-tail", "A-tail")
+"""ArduPilot's frames by the number in its parameters, the first ones."""
+
+
+def _check_frame(
+    parameter: str, frames: Sequence[str], own: Sequence[str], tables: Sequence[LogTable]
+) -> None:
+    """Raises `UnusableLog` if a log's parameter states a frame that is not the sheet's own."""
+    stated = values_of(f"PARM/{parameter}", tables)
+    if not len(stated):
+        return
+    k = int(stated[-1])
+    name = frames[k] if 0 <= k < len(frames) else ""
+    if name in own:
+        return
+    words = f'{k}, "{name}"' if name else f"{k}"
+    text = f"the vehicle's {parameter} is {words}, by the parameters in the log, and the sheet's "
+    text += f'frame is "{own[0]}": motors of the same numbers sit in other places'
+    remedy = "Use a sheet of the vehicle's frame, or give a map.toml if the parameter is wrong."
+    data = {"parameter": parameter, "stated": k, "sheet": own[0]}
+    raise UnusableLog((Finding("refusal", "vehicle_frame", "", text, remedy, data),))
 
 
 def _thrusters(robot: RobotModel, motors: tuple[tuple[int, ...], ...]) -> list[tuple[int, int]]:

@@ -36,6 +36,8 @@ _GOOD = 0.3  # error below which a velocity's scale is that of the pose's deriva
 _OFF = 0.3  # what a velocity of another scale than the pose's adds to its error
 _FACTOR = 0.15  # relative error of a velocity's scale that noise does not explain
 _ALIKE = 0.08  # relative difference of the scales of both velocities that a clock explains
+_BLOCKS = 12  # parts of a log that must confirm small differences
+_MOST_BLOCKS = 0.8  # share of them
 _BAND = 5.0  # cut-off over the frequency of the motion
 _LOUD = 3.0  # velocity over its noise below which an axis counts for little
 _ROWS = 4000  # at most, for the sheet's forces
@@ -43,6 +45,8 @@ _SHORTEST = 0.1  # length of a segment, over that of the longest, that counts be
 _UNSURE = 2.5  # factor by which a sheet's numbers may be off
 _TRUST = 0.03  # error of the forces for which one of them is off by 100 %
 _BALANCED = 0.02  # error up to which forces are equally good
+_ROUNDING = 1e-16  # mean square of a force over the largest, below which it is 0
+_CONFIRMS = 0.9  # the same in either half of the log, of other commands
 _DRIVES = 0.6  # ratio of the errors of the sheet's forces below which other axes are certain
 
 
@@ -115,19 +119,66 @@ def _axes(
     q, v = _longest_of(recordings, robot, but)
     judged = []
     for pose in _poses(q, vehicle):
-        matches = [_best(part) for part in _parts(pose.q, v, rate, vehicle)]
+        matches = [best(part) for part in _parts(pose.q, v, rate, vehicle)]
         total = pose.handicap + sum(match.handicap for match in matches)
         judged.append((total + sum(map(_contradiction, matches)), pose, matches))
-    own = [_as_is(part) for part in _parts(q, v, rate, vehicle)]
+    own = [as_is(part) for part in _parts(q, v, rate, vehicle)]
     _, pose, matches = min(judged, key=lambda one: one[0])
     before = np.array([_contradiction(match) for match in own])
     after = np.array([_contradiction(match) for match in matches])
     if before.sum() - after.sum() < _CONTRADICTS or (after > _HALF * before).all():
-        return own, []
+        return own, _other_axes(q, v, rate, vehicle)
     whose = "twist"
     if all(np.array_equal(m.turn, FRD) for m in matches):
         whose = _wrong_one(recordings, robot)
     return matches, _turned(pose, matches, own, vehicle, whose)
+
+
+def _other_axes(q: Array, v: Array, rate: float, vehicle: Vehicle | None) -> list[Finding]:
+    """The finding of a velocity along the world's axes where the body's are stated, or vice versa.
+
+    A vehicle that stays level and heads one way has nearly the same in both: they are told apart
+    by small differences, which most parts of the log must confirm.
+    """
+    if vehicle is None:
+        return []
+    flat = q.shape[1] == 3
+    heading = q[:, 2:3] * [0.0, 0.0, 1.0] if flat else np.zeros((0, 3))
+    turns = (Rotation.from_rotvec(heading) if flat else Rotation.from_quat(q[:, 3:])).as_matrix()
+    words = []
+    changes: dict[str, object] = {}
+    ratios = []
+    for part in _parts(q, v, rate, vehicle):
+        linear = part.name == "linear"
+        stated = vehicle.twist if linear else vehicle.angular_axes
+        other = "world" if stated == "body" else "body"
+        measured = part.measured
+        k = measured.shape[1]
+        if flat and not linear:  # a yaw rate
+            continue
+        base = part.bases[other]
+        if stated == "world":  # it was turned into the body's axes
+            measured = np.einsum("nij,nj->ni", turns[:, :k, :k], measured)
+        own_error = _block_errors(part.measured, part.bases["body"], part.weights)
+        error = _block_errors(measured, base, part.weights)
+        better = np.mean(error < own_error)
+        if better >= _MOST_BLOCKS and error.sum() < _HALF * own_error.sum():
+            words.append(f"the {part.name} velocity is along the {other}'s axes")
+            changes["vehicle.twist" if linear else "vehicle.angular_axes"] = other
+            ratios.append(float(np.sqrt(error.sum() / own_error.sum())))
+    if not words:
+        return []
+    text = f"velocities contradict the pose: {'; '.join(words)} (differences fall to "
+    text += f"{', '.join(f'{100 * ratio:.2g} %' for ratio in ratios)} of those now, in nearly all "
+    text += "parts of the log)"
+    return [Finding("refusal", "frame", "", text, remedy_of(changes), {"map": changes})]
+
+
+def _block_errors(x: Array, y: Array, weights: Array) -> Array:
+    """(b,) squared differences of x and y (N, k) in parts of a log, over each axis' size."""
+    size = np.maximum(np.mean(x**2, axis=0), 1e-300)
+    squares = (x - y) ** 2 / size @ weights
+    return np.array([part.sum() for part in np.array_split(squares, _BLOCKS)])
 
 
 def _axes_of_files(recordings: Recordings, robot: RobotModel) -> list[Finding]:
@@ -167,7 +218,7 @@ def _clocks_of_files(recordings: Recordings, robot: RobotModel) -> list[Finding]
     factors = {}
     for file in files:
         q, v = _longest_of(recordings, robot, set(files) - {file})
-        good = [m for m in map(_best, _parts(q, v, recordings.rate, vehicle)) if m.error < _GOOD]
+        good = [m for m in map(best, _parts(q, v, recordings.rate, vehicle)) if m.error < _GOOD]
         scales = [m.scale for m in good]
         if len(good) < 2 or abs(np.log(scales[0] / scales[1])) > _ALIKE:
             return []
@@ -233,7 +284,7 @@ def _parts(q: Array, v: Array, rate: float, vehicle: Vehicle | None) -> list[Twi
     count = 2 if flat else 3
     body = pose_velocity(q, rate)
     world = np.gradient(q[:, :count], 1 / rate, axis=0)
-    cut = min(_BAND * _frequency(body, rate), rate / 5) / (0.5 * rate)
+    cut = slow_band(body, rate)
     soft = signals.low_pass(body, cut)
     slow = signals.low_pass(v, cut)
     noise = np.array([signals.noise(x) for x in v.T]) * np.sqrt(cut)
@@ -256,6 +307,11 @@ def _parts(q: Array, v: Array, rate: float, vehicle: Vehicle | None) -> list[Twi
     return parts
 
 
+def slow_band(v: Array, rate: float) -> float:
+    """Cut-off of a low-pass that keeps the motion of velocities v (N, k), over half the rate."""
+    return min(_BAND * _frequency(v, rate), rate / 5) / (0.5 * rate)
+
+
 def _frequency(x: Array, rate: float) -> float:
     """The frequency below which most of the integrals' power lies [Hz]."""
     path = np.cumsum(x - x.mean(axis=0), axis=0)
@@ -265,7 +321,7 @@ def _frequency(x: Array, rate: float) -> float:
     return float(max(np.median(bins), 1) * rate / len(x))
 
 
-def _as_is(part: TwistPart) -> Match:
+def as_is(part: TwistPart) -> Match:
     """A velocity along the axes that the map states."""
     return _match(part, "body", np.eye(part.measured.shape[1]))
 
@@ -280,7 +336,7 @@ def _match(part: TwistPart, base: str, turn: Array) -> Match:
     scale = float(np.sqrt(theirs.sum()) / max(np.sqrt(own.sum()), 1e-300))
     whole = scale**2 * own + theirs
     difference = np.maximum(whole - 2 * scale * both, 0.0)
-    error = 0.5 * difference / np.maximum(whole, 1e-300)
+    error = 0.5 * np.where(whole > 0, difference / np.maximum(whole, 1e-300), 1.0)  # 1: one is 0
     turned = int(np.sum(np.diag(turn) != 1))
     handicap = _UNUSUAL * turned + _CHANGED * (base != "body") + _CHANGED * (base == "other world")
     return Match(
@@ -288,16 +344,21 @@ def _match(part: TwistPart, base: str, turn: Array) -> Match:
     )
 
 
-def _best(part: TwistPart) -> Match:
+def best(part: TwistPart) -> Match:
     """The axes in which a velocity follows best from the pose."""
-    k = part.measured.shape[1]
-    matches = []
-    for base in part.bases:
-        for order, signs in product(permutations(range(k)), product((1.0, -1.0), repeat=k)):
-            turn = np.zeros((k, k))
-            turn[np.arange(k), order] = signs
-            matches.append(_match(part, base, turn))
+    turns = signed_permutations(part.measured.shape[1])
+    matches = [_match(part, base, turn) for base in part.bases for turn in turns]
     return min(matches, key=lambda match: match.error + match.handicap)
+
+
+def signed_permutations(k: int) -> list[Array]:
+    """All orders and signs of k axes, (k, k) each."""
+    found = []
+    for order, signs in product(permutations(range(k)), product((1.0, -1.0), repeat=k)):
+        turn = np.zeros((k, k))
+        turn[np.arange(k), order] = signs
+        found.append(turn)
+    return found
 
 
 def _turned(
@@ -330,18 +391,19 @@ def _turned(
         plain = np.array_equal(turn, np.eye(len(turn)))
         if match.base == "other world":
             words.append("the position is in other world axes than the quaternion (NED and ENU)")
-            changes |= _columns("position", _raw(NED, vehicle, True), vehicle)
+            changes |= columns_of("position", raw_turn(NED, vehicle, True), vehicle)
         elif match.base == "world" and name == "linear":
             words.append("the linear velocity is along the world's axes")
             changes["vehicle.twist"] = "world"
         elif match.base == "world":
             words.append("the angular velocity is along the world's axes")
+            changes["vehicle.angular_axes"] = "world"
         if plain:
             continue
         world = match.base == "world"
         if not together:
-            words.append(f"the {name} velocity is along {_said(turn, world, vehicle)}")
-        changes |= _columns(name, _raw(turn, vehicle, world), vehicle)
+            words.append(f"the {name} velocity is along {said_axes(turn, world, vehicle)}")
+        changes |= columns_of(name, raw_turn(turn, vehicle, world), vehicle)
     if not words:
         return []
     before, after = (100 * float(np.mean([m.error for m in some])) for some in (own, matches))
@@ -357,7 +419,7 @@ _BODY = (("forward", "backward"), ("left", "right"), ("up", "down"))
 _WORLD = (("east", "west"), ("north", "south"), ("up", "down"))
 
 
-def _said(turn: Array, world: bool, vehicle: Vehicle | None) -> str:
+def said_axes(turn: Array, world: bool, vehicle: Vehicle | None) -> str:
     """The measured axes in words, such as `backward-left-down in place of forward-left-up`."""
     given = np.eye(len(turn))
     if vehicle is not None and vehicle.frame == "NED/FRD" and len(turn) == 3:
@@ -376,7 +438,7 @@ def _said(turn: Array, world: bool, vehicle: Vehicle | None) -> str:
     return f"{names[0]} in place of {names[1]}"
 
 
-def _raw(turn: Array, vehicle: Vehicle | None, world: bool) -> Array:
+def raw_turn(turn: Array, vehicle: Vehicle | None, world: bool) -> Array:
     """A turn of our axes as one of the log's own."""
     if vehicle is None or vehicle.frame == "ENU/FLU" or len(turn) < 3:
         return turn
@@ -384,7 +446,7 @@ def _raw(turn: Array, vehicle: Vehicle | None, world: bool) -> Array:
     return axes.T @ turn @ axes
 
 
-def _columns(name: str, turn: Array, vehicle: Vehicle | None) -> dict[str, object]:
+def columns_of(name: str, turn: Array, vehicle: Vehicle | None) -> dict[str, object]:
     """The line of the map with a quantity's columns in the order and signs that undo a turn."""
     given = getattr(vehicle, name, None) if vehicle is not None else None
     if given is None or len(given) < len(turn):
@@ -452,16 +514,16 @@ def _driven(recordings: Recordings, robot: RobotModel) -> list[Finding]:
     own = balance.errors()
     driven = balance.driven
     found: list[tuple[Array, str, str, dict[str, object]]] = []
-    if robot.system.group == 6 and vehicle is not None:
-        frame = "NED/FRD" if vehicle.frame == "ENU/FLU" else "ENU/FLU"
-        turned = [(_other_pose(q), _other_twist(v), u) for q, v, u in motions]
+    ratio = _DRIVES
+    for axes in other_axes(vehicle) if robot.system.group == 6 and vehicle is not None else ():
+        turned = [(*read_as(q, v, vehicle, axes), u) for q, v, u in motions]
         error = SheetBalance(robot, turned, recordings).errors()
-        if _ratio(error, own) < _DRIVES:
-            text = f"pose and velocities are in {frame} axes"
-            found.append((error, "frame", text, {"vehicle.frame": frame}))
+        if _ratio(error, own) < ratio:
+            found.append((error, "frame", axes_in_words(axes), axes))
+            ratio = _DRIVES * _ratio(error, own)  # of two changes, each must be needed
     signed = np.any([(u < 0).any(axis=0) for _, _, u in motions], axis=0)
     other = rewired(balance.errors, signed, driven)
-    if other is not None:
+    if other is not None and _confirmed(other[0], robot, motions, recordings):
         wiring, error = other
         names = list(robot.joints)
         changes = wiring.changes(names)
@@ -475,11 +537,84 @@ def _driven(recordings: Recordings, robot: RobotModel) -> list[Finding]:
     return [Finding("refusal", code, "", text, remedy_of(changes), {"map": changes})]
 
 
+def _confirmed(
+    wiring: Wiring, robot: RobotModel, motions: Sequence[Motion], recordings: Recordings
+) -> bool:
+    """Whether either half of a log fits better under a wiring.
+
+    Only changes of forces count, as constant ones may be anything: a robot that lies still while a
+    command differs from zero fits any wiring.
+    """
+    halves = zip(
+        *([(q[a], v[a], u[a]) for a in _halves(len(q))] for q, v, u in motions), strict=True
+    )
+    for half in halves:
+        balance = SheetBalance(robot, half, recordings, changes=True)
+        driven = balance.driven
+        if not driven.any():
+            return False
+        if not size_of(balance.errors(wiring), driven) < _CONFIRMS * size_of(
+            balance.errors(), driven
+        ):
+            return False
+    return True
+
+
+def _halves(count: int) -> tuple[slice, slice]:
+    return slice(None, count // 2), slice(count // 2, None)
+
+
+def other_axes(vehicle: Vehicle) -> list[dict[str, object]]:
+    """Changes of the map to other axes of a log in space, those of one value first.
+
+    Which axes the linear velocity has is open where no position tells it.
+    """
+    frame = "NED/FRD" if vehicle.frame == "ENU/FLU" else "ENU/FLU"
+    whole: dict[str, object] = {"vehicle.frame": frame}
+    if vehicle.linear is None or vehicle.position is not None:
+        return [whole]
+    alone: dict[str, object] = {"vehicle.twist": "world" if vehicle.twist == "body" else "body"}
+    return [whole, alone, whole | alone]
+
+
+def axes_in_words(axes: dict[str, object]) -> str:
+    """Such changes in words."""
+    words = []
+    if "vehicle.frame" in axes:
+        words.append(f"pose and velocities are in {axes['vehicle.frame']} axes")
+    if "vehicle.twist" in axes:
+        words.append(f"the linear velocity is along the {axes['vehicle.twist']}'s axes")
+    return " and ".join(words)
+
+
+def read_as(q: Array, v: Array, vehicle: Vehicle, axes: dict[str, object]) -> tuple[Array, Array]:
+    """Poses (N, m) and twists (N, n) in our axes, had the map stated other axes."""
+    turned = "vehicle.frame" in axes
+    if "vehicle.twist" not in axes:
+        return (other_pose(q), other_twist(v)) if turned else (q, v)
+    ned = vehicle.frame == "NED/FRD"
+    linear = v[:, :3]  # as the log has it
+    if vehicle.twist == "world":
+        linear = Rotation.from_quat(q[:, 3:7]).apply(linear)
+        linear = linear @ NED if ned else linear
+    elif ned:
+        linear = linear @ FRD
+    ned = ned != turned
+    if turned:
+        q, v = other_pose(q), other_twist(v)
+    if vehicle.twist == "body":
+        world = linear @ NED.T if ned else linear
+        linear = Rotation.from_quat(q[:, 3:7]).inv().apply(world)
+    elif ned:
+        linear = linear @ FRD
+    return q, np.hstack([linear, v[:, 3:]])
+
+
 def _wrong_one(recordings: Recordings, robot: RobotModel) -> str:
     """Whether the sheet's forces contradict the frame of the `pose` or that of the `twist`."""
     motions = _longest(recordings)
-    twisted = [(q, _other_twist(v), u) for q, v, u in motions]
-    posed = [(_other_pose(q), v, u) for q, v, u in motions]
+    twisted = [(q, other_twist(v), u) for q, v, u in motions]
+    posed = [(other_pose(q), v, u) for q, v, u in motions]
     by_twist = SheetBalance(robot, twisted, recordings).errors()
     by_pose = SheetBalance(robot, posed, recordings).errors()
     return "pose" if _ratio(by_pose, by_twist) < 1 else "twist"
@@ -503,13 +638,14 @@ def _longest(recordings: Recordings) -> list[Motion]:
     return found
 
 
-def _other_pose(q: Array) -> Array:
+def other_pose(q: Array) -> Array:
     """Poses (N, m) in ENU/FLU axes of numbers that are in NED/FRD axes, or the other way round."""
     turn = NED @ Rotation.from_quat(q[:, 3:7]).as_matrix() @ FRD
     return np.hstack([q[:, :3] @ NED.T, Rotation.from_matrix(turn).as_quat(), q[:, 7:]])
 
 
-def _other_twist(v: Array) -> Array:
+def other_twist(v: Array) -> Array:
+    """Twists (N, n) likewise."""
     return np.hstack([v[:, :3] @ FRD, v[:, 3:6] @ FRD, v[:, 6:]])
 
 
@@ -517,17 +653,23 @@ class SheetBalance:
     """The forces of a vehicle's sheet along a motion, of which commands may be exchanged.
 
     Its numbers are as uncertain as sheets are, none of another sign. Without the linear velocities
-    where these are not measured.
+    where these are not measured. With `changes`, mean forces do not count.
 
     Attributes:
         driven: (n,) velocities on which actuators act.
     """
 
-    def __init__(self, robot: RobotModel, motions: Sequence[Motion], recordings: Recordings):
+    def __init__(
+        self,
+        robot: RobotModel,
+        motions: Sequence[Motion],
+        recordings: Recordings,
+        changes: bool = False,
+    ):
         assert robot.prior is not None  # every vehicle has one
         system = robot.system
         rate = recordings.rate
-        cut = min(_BAND * _frequency(motions[0][1], rate), rate / 5) / (0.5 * rate)
+        cut = slow_band(motions[0][1], rate)
         moving = []
         for q, v, _ in motions:
             slow = signals.low_pass(v, cut)
@@ -548,13 +690,15 @@ class SheetBalance:
                 W = system.regressor(*motion, u)[:, self._measured]
                 # a tyre at rest has no slip
                 W = (np.where(np.isfinite(W), W, 0.0) * self._prior)[:, :, wanted]
-                found.append(signals.low_pass(W.reshape(len(W), -1), cut).reshape(W.shape))
+                forces = signals.low_pass(W.reshape(len(W), -1), cut).reshape(W.shape)
+                found.append(forces - forces.mean(axis=0) if changes else forces)
             return np.concatenate(found)
 
         self._parts = parts
         self._u = [u for _, _, u in motions]
         self._own = parts(self._u, np.ones(len(self._acting), bool))
-        self.driven = np.mean(self._own[:, :, self._acting] ** 2, axis=(0, 2)) > 0
+        sizes = np.mean(self._own**2, axis=0)
+        self.driven = sizes[:, self._acting].mean(axis=1) > _ROUNDING * sizes.max(axis=1)
 
     def errors(self, wiring: Wiring | None = None) -> Array:
         """(n,) errors of the forces over the size of all, with the commands of a wiring."""
@@ -614,8 +758,10 @@ def _shares(products: Array) -> Array:
     `products` (p, p) are the means of the products of two parameters' forces.
     """
     p = len(products)
-    factor = np.linalg.cholesky(products + _TRUST**2 * np.eye(p))
-    b = np.linalg.solve(factor, _TRUST**2 * np.ones(p))
+    rounding = p * np.finfo(float).eps * np.trace(products)  # of forces that commands hardly make
+    trust = _TRUST**2 + rounding
+    factor = np.linalg.cholesky(products + trust * np.eye(p))
+    b = np.linalg.solve(factor, trust * np.ones(p))
     return np.asarray(
         scipy.optimize.lsq_linear(factor.T, b, bounds=(1 / _UNSURE, _UNSURE), method="bvls").x
     )

@@ -103,7 +103,7 @@ def imu_columns(mapping: Map, channels: Sequence[str], walks: bool) -> ImuColumn
     names = f"orientation ({found.orientation[0]} …), angular velocity ({found.gyro[0]} …)"
     if found.accelerometer is not None:
         names += f" and specific force ({found.accelerometer[0]} …)"
-    text = f"the base moves: its {names} were found by name"
+    text = f"its {names} were found by name"
     return ImuColumns((*_sources(found, channels), *of_feet), found, text, feet)
 
 
@@ -343,7 +343,7 @@ class ImuReading(NamedTuple):
         if all(together[axis] > 1 - _APART for axis in certain):
             return
         names = ", ".join(f"{together[axis]:.2f} about {'xyz'[axis]}" for axis in axes)
-        text = "the vertical that the orientation tells does not turn as the gyroscope says "
+        text = "the vertical of the orientation does not turn as the gyroscope measures "
         text += f"(correlation {names})"
         changes: dict[str, object] = {}
         if (np.abs(together[axes]) > 1 - _APART).all():

@@ -9,7 +9,7 @@ import scipy
 from scipy.spatial.transform import Rotation
 
 from ...base import InvalidInput
-from ...core import Array, continuous_signs
+from ...core import GRAVITY, Array, continuous_signs
 from ...robots import RobotModel
 from . import matching, signals
 from .evidence import limits
@@ -126,11 +126,19 @@ class Layout(NamedTuple):
         """Whether it is the layout of a vehicle whose translation is not measured."""
         return self.vehicle is not None and self.vehicle.turns_only
 
-    def force(self, raw: Array) -> Array:
-        """Specific forces (N, 3) along our axes of the body, from scaled sources (N, 3)."""
-        own = raw + [source.column.offset for source in self.specific]
-        ned = self.vehicle is not None and self.vehicle.frame == "NED/FRD"
-        return own @ FRD if ned else own
+    def force(self, raw: Array, v: Array, rate: float) -> Array:
+        """Specific forces (N, 3) along our axes of the body at its origin [m/s²].
+
+        From sources (N, 3) in the map's unit, at twists v (N, 6), `rate` in rows per second [Hz].
+        """
+        assert self.vehicle is not None
+        ned = self.vehicle.frame == "NED/FRD"
+        own = raw @ FRD if ned else raw
+        own = own * (GRAVITY if self.vehicle.acceleration_unit == "g" else 1.0)
+        place = np.array(self.vehicle.acceleration_at)
+        if not place.any():
+            return own
+        return own - leverage(v[:, 3:6], rate) @ (FRD @ place if ned else place)
 
     @property
     def quaternion(self) -> tuple[str, ...]:
@@ -150,6 +158,19 @@ class Layout(NamedTuple):
         """Commands (N, n_u) from scaled sources (N, n_u)."""
         offsets = np.array([s.column.offset if s else 0.0 for s in self.commands])
         return self.on_leaders(_mixed(raw, self.torque) + offsets)
+
+
+def leverage(angular: Array, rate: float) -> Array:
+    """(N, 3, 3) accelerations per metre of distance from the origin of a body that turns [1/s²].
+
+    angular (N, 3) is in rad/s: the acceleration at r is dω/dt × r + ω × (ω × r).
+    """
+    slow = signals.low_pass(angular, signals.bandwidth(rate) / (0.5 * rate))
+    turning = np.gradient(slow, 1 / rate, axis=0)
+    units = np.eye(3)
+    across = np.cross(turning[:, None], units)
+    inward = np.cross(slow[:, None], np.cross(slow[:, None], units))
+    return np.swapaxes(across + inward, 1, 2)
 
 
 def _mixed(raw: Array, matrix: Array | None) -> Array:
@@ -549,7 +570,7 @@ def _check_vehicle(vehicle: Vehicle, m: int, n: int, idle: Sequence[str]) -> Non
         lacking = [] if given & {"quaternion", "euler"} else ["quaternion or euler"]
         excess = [*both]
         if {"position", "linear"} & given:
-            excess += sorted({"depth", "acceleration"} & given)
+            excess += sorted({"depth"} & given)
         remedy = "A body in space needs its orientation, as quaternion or euler, and the commands. "
         remedy += "Angular velocity and linear velocity are differentiated where they are left out."
         remedy += " Without position and linear its rotation alone is identified, with depth or "
@@ -611,7 +632,12 @@ def _twist(vehicle: Vehicle, raw: Array, q: Array) -> Array:
         linear = Rotation.from_quat(q[:, 3:]).inv().apply(world)
     elif ned:
         linear = linear @ FRD
-    return np.column_stack([linear, angular @ FRD if ned else angular])
+    if vehicle.angular_axes == "world":
+        world = angular @ NED.T if ned else angular
+        angular = Rotation.from_quat(q[:, 3:]).inv().apply(world)
+    elif ned:
+        angular = angular @ FRD
+    return np.column_stack([linear, angular])
 
 
 def pose_velocity(q: Array, rate: float) -> Array:

@@ -401,21 +401,25 @@ class Vehicle:
     euler_unit: Literal["deg", "rad"] = "deg"
     # velocity; None to differentiate the position. In the plane: surge, sway, yaw rate
     linear: Three | None = None
-    # velocity in the body's axes [rad/s]; None to differentiate the orientation
+    # angular velocity [rad/s]; None to differentiate the orientation
     angular: Three | None = None
-    # of a vehicle in space whose position and linear velocity are not measured, if it has them:
-    # its depth [m], and its specific force along the body's axes at the origin [m/s²], as an
-    # accelerometer measures it: at rest 9.81 upwards
+    # depth [m] of a vehicle in space whose position and linear velocity are not measured
     depth: str | None = None
+    # specific force along the body's axes, as an accelerometer measures it: at rest 1 g upwards. It
+    # is checked against attitude and velocity, and takes part in the fit without a linear velocity
     acceleration: Three | None = None
+    acceleration_unit: Literal["m/s²", "g"] = "m/s²"
+    # place of the accelerometer from the origin of the sheet, along the body's axes of `frame` [m]
+    acceleration_at: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
     angular_unit: Literal["rad/s", "deg/s"] = "rad/s"
     order: Literal["xyzw", "wxyz"] = "xyzw"  # order of the quaternion's columns
     inverse: StrictBool = False  # whether the orientation is that of the world in the body's axes
     # axes of world and body: north-east-down with forward-right-down, or ours, east-north-up with
     # forward-left-up
     frame: Literal["ENU/FLU", "NED/FRD"] = "ENU/FLU"
-    # whether `linear` is given along the body's or the world's axes
+    # whether `linear`, and `angular` in space, are given along the body's or the world's axes
     twist: Literal["body", "world"] = "body"
+    angular_axes: Literal["body", "world"] = "body"
 
     @property
     def turns_only(self) -> bool:
@@ -497,6 +501,7 @@ class Phases:
 
     armed: str | None = None  # column that is 0 while the motors are off
     landed: str | None = None  # column that is not 0 while the vehicle stands on the ground
+    mode: str | None = None  # column of a controller's mode, a number; it is shown, nothing more
     leave_out: tuple[Span, ...] = ()  # start and end [s] of further parts
     detect: StrictBool = True  # whether parts are also found from the signals
 

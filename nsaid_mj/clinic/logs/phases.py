@@ -1,10 +1,15 @@
 """The phases of a log: stretches in which one structure can hold, and those in which it cannot.
 
 A vehicle on the ground, in somebody's hands or after a crash is held by forces that no structure
-contains, and a fit to such rows spoils all parameters. The log's own events (armed, landed) come
-first; then its signals, in parts of a tenth of a second: what moves, what the motors would exert
-under the model's published values, and whether that balances.
+contains, and a fit to such rows spoils all parameters. The log's own events (armed, landed, motors
+stopped, crashed) come first; then its signals, in parts of a tenth of a second: what moves, what
+the motors would exert under the model's published values, and whether that balances.
+
+A controller's mode decides which commands it gives, not what these do, so no part is left out for
+its mode; modes are shown with the phases.
 """
+
+from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -55,6 +60,16 @@ _FAST = 0.98  # quantiles of what is large
 _LARGEST = 0.995
 
 
+class Event(NamedTuple):
+    """A span of time in which a log says that a vehicle is disarmed or landed, or in which mode."""
+
+    kind: Kind | Literal["mode"]
+    start: float  # [s]
+    end: float  # [s]
+    column: str  # which says so
+    name: str = ""  # of a mode
+
+
 class LogPhase(NamedTuple):
     """A stretch of a log in which one structure can hold, or cannot."""
 
@@ -62,6 +77,7 @@ class LogPhase(NamedTuple):
     source: str  # name of the file
     log: Log  # the motion in it, in the robot's coordinates
     why: str = ""  # why it takes no part in the fit; "" if it does
+    modes: tuple[Event, ...] = ()  # of the controller, in the whole log
 
     @property
     def used(self) -> bool:
@@ -77,23 +93,32 @@ class LogPhase(NamedTuple):
     def row(self) -> tuple[str, str, str, str]:
         """Its line of a table: file, time span, kind, why it is not used."""
         span = f"{self.log.t[0]:.1f} – {self.log.t[-1]:.1f} s"
-        return self.source, span, self.kind, "used" if self.used else f"left out: {self.why}"
+        said = "used" if self.used else f"left out: {self.why}"
+        names = ", ".join(dict.fromkeys(mode.name for mode in self.own_modes))
+        return self.source, span, self.kind, f"{said} (mode {names})" if names else said
 
-
-class Event(NamedTuple):
-    """A span of time in which a log says that a vehicle is disarmed or landed."""
-
-    kind: Kind
-    start: float  # [s]
-    end: float  # [s]
-    column: str  # which says so
+    @property
+    def own_modes(self) -> list[Event]:
+        """The modes during the phase, each from its start at the earliest to its end."""
+        first, last = self.log.t[[0, -1]].tolist()
+        spans = [
+            mode._replace(start=max(mode.start, first), end=min(mode.end, last))
+            for mode in self.modes
+        ]
+        return [mode for mode in spans if mode.end > mode.start]
 
 
 _SAID: tuple[tuple[Kind, str, frozenset[float], bool], ...] = (
     ("disarmed", "vehicle_status/arming_state", frozenset({2.0}), False),
     ("disarmed", "actuator_armed/armed", frozenset({0.0}), True),
-    ("disarmed", "ARM/ArmState", frozenset({0.0}), True),
-    ("landed", "vehicle_land_detected/landed", frozenset({0.0}), False),
+    *(  # the outputs are then not those that the log's commands state
+        ("disarmed", f"actuator_armed/{name}", frozenset({0.0}), False)
+        for name in ("lockdown", "manual_lockdown", "kill", "force_failsafe", "termination")
+    ),
+    *(
+        ("landed", f"vehicle_land_detected/{name}", frozenset({0.0}), False)
+        for name in ("landed", "maybe_landed", "ground_contact")
+    ),
 )
 """Kind, column, values, and whether these say so or all others do.
 
@@ -104,12 +129,55 @@ https://ardupilot.org/copter/docs/logmessages.html.
 _ARMED = ("armed", "is_armed", "torque_enable", "torque_enabled", "motors_on", "motor_enabled")
 """Columns that are 0 while the motors are off, by the last word of their names."""
 
-_CHANGES: tuple[tuple[Kind, int, int], ...] = (("disarmed", 11, 10), ("landed", 18, 28))
-"""Kind, and the numbers of ArduPilot's events (`EV/Id`) that begin and end it."""
+_CHANGES: tuple[tuple[Kind, str, tuple[int, ...], tuple[int, ...]], ...] = (
+    ("disarmed", "ARM/ArmState", (0,), (1,)),
+    ("disarmed", "EV/Id", (11,), (10,)),
+    ("disarmed", "EV/Id", (54,), (55,)),  # emergency stop of the motors
+    ("disarmed", "EV/Id", (56,), (57,)),  # interlock of the motors
+    ("landed", "EV/Id", (17, 18), (28,)),  # 17: perhaps
+)
+"""Kind, column of ArduPilot's changes, and the values that begin and end it.
+
+Until the first change the opposite held: an ROV logs from arming on, and its first is to disarm.
+"""
+
+_CRASH = 12.0  # subsystem of ArduPilot's errors (`ERR`) that finds a crash; 0 of its code clears it
+
+_MODE = ("mode", "flight_mode", "flightmode", "nav_state", "modenum")
+"""Columns of a controller's mode, by the last word of their names."""
+
+_MOST_MODES = 64  # numbers of a column of modes, at most
+
+_COPTER = (
+    "Stabilize, Acro, AltHold, Auto, Guided, Loiter, RTL, Circle, , Land, , Drift, , Sport, Flip, "
+    "AutoTune, PosHold, Brake, Throw, Avoid ADSB, Guided NoGPS, SmartRTL, FlowHold, Follow, "
+    "ZigZag, SystemID, Autorotate, Auto RTL, Turtle"
+)
+_SUB = (
+    "Stabilize, Acro, AltHold, Auto, Guided, , , Circle, , Surface, , , , , , , PosHold, , , "
+    "Manual, Motor Detect, SurfTrak"
+)
+_PX4 = (
+    "Manual, Altitude, Position, Mission, Loiter, RTL, Position Slow, , , , Acro, , Descend, "
+    "Termination, Offboard, Stabilized, , Takeoff, Land, Follow, Precision Land, Orbit, "
+    "VTOL Takeoff"
+)
+_OF_PX4 = "vehicle_status/nav_state"
+_OF_ARDUPILOT = {"rotor": _COPTER, "thruster": _SUB}
+"""Names of modes in the order of their numbers, of ArduPilot's by the vehicle's kind of actuator.
+
+Sources: https://mavlink.io/en/messages/ardupilotmega.html (COPTER_MODE, SUB_MODE) and
+https://docs.px4.io/main/en/msg_docs/VehicleStatus.html.
+"""
 
 
-def events_of(channels: Mapping[str, Channel], stated: Phases) -> tuple[Event, ...]:
-    """What a log says of itself: when it was disarmed or landed, and what its map leaves out."""
+def events_of(
+    channels: Mapping[str, Channel], stated: Phases, actuator: str = ""
+) -> tuple[Event, ...]:
+    """What a log says of itself, and what its map leaves out: disarmed, landed, modes.
+
+    The names of ArduPilot's modes depend on the vehicle, and so on its kind of `actuator`.
+    """
     said = list(_SAID)
     for name in channels:
         last = name.rsplit("/", 1)[-1].lower()
@@ -122,15 +190,55 @@ def events_of(channels: Mapping[str, Channel], stated: Phases) -> tuple[Event, .
         if name in channels:
             t, x = channels[name]
             found += _spans(kind, t, np.isin(x, list(values)) == these, name)
-    if "EV/Id" in channels:
-        t, x = channels["EV/Id"]
-        for kind, begins, ends in _CHANGES:
-            some = np.isin(x, (begins, ends))
-            if some.any():
-                before = x[some][0] == ends  # until the first change the opposite held
-                when = np.r_[-np.inf, t[some]]
-                found += _spans(kind, when, np.r_[before, x[some] == begins], "EV/Id")
+    for kind, name, begins, ends in _CHANGES:
+        if name in channels:
+            found += _between(kind, channels[name], begins, ends, name)
+    if {"ERR/Subsys", "ERR/ECode"} <= channels.keys():
+        t, code = channels["ERR/ECode"]
+        own = channels["ERR/Subsys"].values == _CRASH
+        crashed = Channel(t[own], np.where(code[own] == 0, 0.0, 1.0))
+        found += _between("after an impact", crashed, (1,), (0,), "ERR/Subsys")
+    found += _modes(channels, stated, actuator)
     return tuple(dict.fromkeys(found))
+
+
+def _between(
+    kind: Kind, channel: Channel, begins: tuple[int, ...], ends: tuple[int, ...], column: str
+) -> list[Event]:
+    """The spans between changes that begin and that end a state."""
+    t, x = channel
+    some = np.isin(x, (*begins, *ends))
+    if not some.any():
+        return []
+    held = np.r_[x[some][0] in ends, np.isin(x[some], begins)]
+    return _spans(kind, np.r_[-np.inf, t[some]], held, column)
+
+
+def _modes(channels: Mapping[str, Channel], stated: Phases, actuator: str) -> list[Event]:
+    """The spans of a controller's modes, by the first column that tells them."""
+    named = [name for name in channels if name.rsplit("/", 1)[-1].lower() in _MODE]
+    wanted = (stated.mode or "", "MODE/ModeNum", "MODE/Mode", _OF_PX4, *named)
+    column = next(filter(channels.__contains__, wanted), None)
+    if column is None:
+        return []
+    t, x = channels[column]
+    present = np.isfinite(x)
+    t, x = t[present], x[present]
+    if not len(x) or (x % 1).any() or len(np.unique(x)) > _MOST_MODES:
+        return []
+    names: list[str] = []
+    if column == _OF_PX4:
+        names = _PX4.split(", ")
+    elif column.startswith("MODE/"):
+        names = _OF_ARDUPILOT.get(actuator, "").split(", ")
+    found: list[Event] = []
+    for value in np.unique(x).astype(int).tolist():
+        known = names[value] if 0 <= value < len(names) else ""
+        found += [
+            Event("mode", event.start, event.end, column, known or f"{value}")
+            for event in _spans("left out", t, x == value, column)
+        ]
+    return sorted(found, key=lambda event: event.start)
 
 
 def _spans(kind: Kind, t: Array, holds: np.ndarray, column: str) -> list[Event]:
@@ -180,7 +288,10 @@ def phases(
     if detect and robot.prior is not None and len(first) >= 3 * _WINDOW:
         noise = _noises(log, step, width)
         kinds, reasons = _by_signals(_parts(log, robot, first, noise, first_measured))
+    modes = tuple(event for event in events if event.kind == "mode")
     for event in events:
+        if event.kind == "mode":
+            continue
         inside = (log.t[first] < event.end) & (log.t[first] + _PART > event.start)
         kinds[inside] = event.kind
         reasons[event.kind] = f"{event.column} says so"
@@ -189,9 +300,8 @@ def phases(
     edges = [0, *(np.flatnonzero(kinds[1:] != kinds[:-1]) + 1).tolist(), len(kinds)]
     for a, b in itertools.pairwise(edges):
         last = first[b] if b < len(first) else len(log.t)
-        found.append(
-            LogPhase(kinds[a], source, log.part(first[a], last), reasons.get(kinds[a], ""))
-        )
+        own = log.part(first[a], last)
+        found.append(LogPhase(kinds[a], source, own, reasons.get(kinds[a], ""), modes))
     return found
 
 
@@ -276,7 +386,7 @@ def _by_signals(parts: _Parts) -> tuple[np.ndarray, dict[str, str]]:
     held = still & ~off & np.any(lacks > _UNBALANCED, axis=1)
     if supported:
         carried = _long(~still & off & (lacks[:, 0] > _SUPPORT))
-        kinds[_wider(carried, ~parts.calm)] = "carried"
+        kinds[_wider(carried, ~parts.calm & (lacks[:, 0] > _UNBALANCED))] = "carried"
     else:
         held &= np.any(_change(parts, 4 * _WINDOW) / large > _PUSHES, axis=1)
     held = _long(held)
@@ -285,7 +395,7 @@ def _by_signals(parts: _Parts) -> tuple[np.ndarray, dict[str, str]]:
     reasons = {
         "at rest": "nothing moves and the motors are off, so what carries it is unknown",
         "held": "nothing moves while the motors push: something holds it",
-        "carried": "it moves while the motors are off, and does not fall",
+        "carried": "it does not fall while the motors hardly carry it",
     }
     return _with_impacts(kinds, parts, reasons), reasons
 
@@ -379,7 +489,7 @@ def phases_stated(found: Sequence[LogPhase], level: Literal["note", "warning"]) 
 
 def events_stated(source: str, events: Sequence[Event], start: float, end: float) -> list[Finding]:
     """The finding about spans of a log, from start to end [s], that its own events leave out."""
-    spans = [(max(e.start, start), min(e.end, end), e) for e in events]
+    spans = [(max(e.start, start), min(e.end, end), e) for e in events if e.kind != "mode"]
     out = [(a, b, e) for a, b, e in spans if b > a]
     if not out:
         return []
@@ -388,6 +498,28 @@ def events_stated(source: str, events: Sequence[Event], start: float, end: float
     text += f"; and {len(out) - _LISTED} more" if len(out) > _LISTED else ""
     data = {"phases": [{"span": [a, b], "kind": e.kind, "column": e.column} for a, b, e in out]}
     return [Finding("note", "phases", source, text, data=data)]
+
+
+def modes_stated(found: Sequence[LogPhase]) -> list[Finding]:
+    """The note of a controller's modes in each log; none without any."""
+    notes = []
+    for source in dict.fromkeys(phase.source for phase in found):
+        modes = [mode for phase in found if phase.source == source for mode in phase.own_modes]
+        joined: list[Event] = []
+        for mode in modes:  # a mode goes on through several phases
+            if joined and joined[-1].name == mode.name:
+                joined[-1] = joined[-1]._replace(end=mode.end)
+            else:
+                joined.append(mode)
+        if not joined:
+            continue
+        each = [f"{m.name} {m.start:.1f} to {m.end:.1f} s" for m in joined[:_LISTED]]
+        text = f"modes of the controller ({joined[0].column}): {', '.join(each)}"
+        text += f"; and {len(joined) - _LISTED} more" if len(joined) > _LISTED else ""
+        text += ". A mode changes the commands, not what they do: no part is left out for it"
+        data = {"modes": [{"mode": m.name, "span": [m.start, m.end]} for m in joined]}
+        notes.append(Finding("note", "modes", source, text, data=data))
+    return notes
 
 
 _LISTED = 6  # phases named in a message

@@ -35,7 +35,7 @@ from .layout import (
 )
 from .mapping import Map
 from .pd_law import held_mean
-from .phases import LogPhase, events_of, phases, phases_stated
+from .phases import LogPhase, events_of, modes_stated, phases, phases_stated
 from .recordings import LogSegment, Recordings
 from .tables import LogTable, join, values_of
 from .unusable import UnusableLog
@@ -97,7 +97,7 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
             findings.append(Finding("note", "on_stand", "base", text))
     del tables  # a log may be large, and what was read is not needed besides what was cleaned
     short: list[ShortStretch] = []
-    cleaned = _cleaned(recordings, made, mapping, findings, short)
+    cleaned = _cleaned(recordings, made, mapping, robot, findings, short)
     if not cleaned:
         raise UnusableLog(tuple(findings))
     if (clock := gross_clock(cleaned, findings)) is not None:
@@ -111,6 +111,7 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
         seen += parts
     stated = phases_stated(seen, "note")
     findings[:0] = stated  # what the rest is said of comes first
+    findings += modes_stated(seen)
     findings += short_stated(short, len(segments), SHORTEST)
     if sum(len(segment.log.t) for segment in segments) < LEAST * rate:
         text = f"no interval of {LEAST} s has all signals"
@@ -141,15 +142,18 @@ def _cleaned(
     recordings: list[LogTable],
     made: Layout,
     mapping: Map,
+    robot: RobotModel,
     findings: list[Finding],
     short: list[ShortStretch],
 ) -> list[Cleaned]:
     """The recordings with numbers in all channels; empties their list."""
     cleaned = []
+    kinds = [] if robot.jointed else [c.kind for c in robot.system.structure.columns]
+    actuator = next((kind for kind in ("rotor", "thruster") if kind in kinds), "")
     while recordings:
         table = recordings.pop(0)
         log, said = clean(table, made)
-        log = log._replace(events=events_of(table.channels, mapping.phases))
+        log = log._replace(events=events_of(table.channels, mapping.phases, actuator))
         findings += said
         few, signal = min(log.signals.items(), key=lambda item: len(item[1].t))
         if len(signal.t) > 9:
@@ -301,7 +305,7 @@ def _segments(
             rows = rows_of(reference, grid[kept.start], grid[kept.stop - 1])
             moved = own.part(kept.start, kept.stop)
             imu = _imu(moved.t, log, findings)
-            felt = _felt(log, moved.t)
+            felt = _felt(log, moved, rate)
             segments.append(LogSegment(moved, usable[kept], source, rows, imu, felt))
     if segments and drop_rest:
         findings.append(limits_stated(source, segments, limits, robot))
@@ -340,10 +344,12 @@ def _differentiated(made: Layout, robot: RobotModel, rate: float, source: str) -
     return [Finding("note", "differentiated", source, text, data={"joints": missing})]
 
 
-def _felt(log: Cleaned, grid: Array) -> Array | None:
-    """(N, 3) specific force of a vehicle on a grid; None if it is not measured."""
+def _felt(log: Cleaned, moved: Log, rate: float) -> Array | None:
+    """(N, 3) specific force of a vehicle along a motion; None if it is not measured."""
     made = log.made
-    return made.force(_on_grid(log, grid, made.specific)) if made.specific else None
+    if not made.specific:
+        return None
+    return made.force(_on_grid(log, moved.t, made.specific), moved.v, rate)
 
 
 def _log(grid: Array, log: Cleaned, hold: bool, rate: float) -> Log:

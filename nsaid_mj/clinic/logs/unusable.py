@@ -66,7 +66,7 @@ class UnmatchedChannels(NsaidError):
         self.missing, self.reasons = tuple(missing), tuple(reasons)
         self.channels = tuple(channels)
         super().__init__(
-            f"cannot determine which channels are {_listed(missing)}. {' '.join(reasons)} "
+            f"found no channels for {_listed(missing)}. {' '.join(reasons)} "
             f"The channels are {_listed(channels)}. "
             "`nsaid inspect LOG --model M` writes a first map.toml to be completed by hand; "
             "pass it with --map."

@@ -138,8 +138,9 @@ def _servos(result: ServoIdentification) -> list[PageItem]:
     panels: list[PageItem] = [Table(_HEADS, lines, spare=(7, 5))]
     told = [p.combination for p in result.parameters if p.combination]
     if any(words.startswith(UNTOLD) for words in told):
-        text = "(…) gravity does not tell it: as of the other joints, or of your file; kv/kp, f/kp "
-        panels.append(Text(f"{text}and armature/kp hold without it."))
+        text = "(…) not identifiable, since gravity does not load the joint: taken from the other "
+        text += "joints, or from your file. kv/kp, f/kp and armature/kp do not depend on it."
+        panels.append(Text(text))
     if not all(words.startswith(UNTOLD) for words in told):
         panels.append(Text("~ only in combination with others; identification.json says which."))
     panels.append(

@@ -104,7 +104,7 @@ _NOTHING = 5e-3  # least error of a simple prediction in the test for divergence
 _HEAVIER = "Use a heavier load, or more motions with the arm stretched out."
 _UNEXPLAINED = "the model does not explain this joint's motion"
 _UNMOVED = "the joint hardly moves"
-UNTOLD = "gravity does not tell kp"
+UNTOLD = "gravity does not determine kp"
 """First words about a number whose scale is that of a kp which the motion does not show."""
 
 
@@ -181,7 +181,7 @@ def _lag(joint: JointEstimate) -> str:
 
 
 def _ratios(joint: JointEstimate) -> str:
-    """What holds of a joint whose kp gravity does not tell."""
+    """What holds of a joint whose kp gravity does not determine."""
     T, f, _, a, _ = (float(value) for value in joint.theta)
     return (
         f"{UNTOLD}, but kv/kp = {1e3 * T:.3g} ms, f/kp = {1e3 * f:.3g} "
@@ -257,8 +257,8 @@ def verdict(
     findings = []
     for joint, found in (moving[part.name] for part in poor):
         simple, error = (f"({x * 1e3:.1f} {joint.unit})" for x in (joint.simple, found))
-        text = "the delayed target itself or a constant position predicts the motion nearly as "
-        text += f"well {simple} as the servo's model {error}; its parameters are meaningless"
+        text = f"the servo's model predicts the motion hardly better {error} than the delayed "
+        text += f"target or a constant position {simple}; its parameters are meaningless"
         findings.append(Finding("warning", "no_better_than_simple", joint.name, text, _POOR))
     if still:
         text = "it hardly moves, or follows its target exactly, so its model cannot be validated"
@@ -288,7 +288,7 @@ def _further(joints: Sequence[JointEstimate], loaded: bool) -> str:
     if slow:
         every = len(slow) > 1 and len(slow) == sum(joint.judged for joint in joints)
         who = "all joints" if every else ", ".join(slow)
-        return f"{_FASTER} of {who}: slow motion tells only kv/kp + delay."
+        return f"{_FASTER} of {who}: slow motion determines only kv/kp + delay."
     return "" if loaded else _WEIGH
 
 
@@ -329,10 +329,10 @@ def gravity_notes(joints: Sequence[JointEstimate]) -> tuple[Finding, ...]:
     others = [joint.name for joint in joints if not joint.gravity]
     found = []
     if others:
-        source = "the mean of the others" if len(others) < len(joints) else "the model file's"
-        source += " unless the motion contradicts that"
-        text = f"gravity does not determine kp, which is {source}; the motion depends on kv/kp, "
-        text += "f/kp and armature/kp"
+        source = "the other joints' mean" if len(others) < len(joints) else "the model file's"
+        source += ", unless the motion contradicts it,"
+        text = f"kp is not identifiable, since gravity does not load the joint: {source} is used; "
+        text += "kv/kp, f/kp and armature/kp are identified"
         found.append(Finding("note", "kp_convention", ", ".join(others), text))
     for joint in joints:
         size = abs(joint.offset)

@@ -150,7 +150,7 @@ def _limbs(run: Run, rows: Indices, true: Array | None) -> Panel:
     system = run.system
     panel = Panel(
         "Scale of each limb",
-        "mean of its gains' ratios, relative to the mean of all [–]",
+        "mean k̂/k, relative to that of all [–]",
         level=1.0,
         key=("limbs",),
     )

@@ -25,6 +25,7 @@ from ...report import (
     Section,
     Table,
     Text,
+    count,
     percent,
     print_page,
     robot_picture,
@@ -160,7 +161,8 @@ def _lead(result: RunResult) -> str:
     cost = result.cost
     said = (
         f"Law {law}, {conditions.sensors} sensors, seed {result.origin.seed}: "
-        f"{result.dimensions.n} velocities, {result.dimensions.p} parameters; "
+        f"{count(result.dimensions.n, 'velocity', 'velocities')}, "
+        f"{count(result.dimensions.p, 'parameter')}; "
         f"{cost.sim_s:.4g} s {done} in {cost.wall_s:.1f} s "
         f"({cost.real_time_factor:.1f} × real time)"
     )

@@ -326,6 +326,7 @@ def _searched(
     count = effort * _evaluations(motions, criterion)
     costs = _Costs(motions, asked, criterion)
     tries = max(17, int(_FIRST * count))
+    report("searching", 0.0)
     first = minimise(costs, start, _STEP, tries, rng, lambda x: report("searching", _FIRST * x))
     costs = _Costs(motions, asked, criterion, draws=2)
     tries = max(17, int(0.5 * (1 - _FIRST) * count))

@@ -290,3 +290,21 @@ def test_fix_is_withdrawn_if_another_contradiction_follows(tmp_path):
         patch.setattr("nsaid_mj.clinic.identify.fixing.remedies", lambda _: worse.data["map"])
         found = fix([path], "", robot)
     assert not found.kept and found.text == "" and "contradiction follows" in found.withdrawn
+
+
+def test_rates_and_accelerations_are_no_linear_velocity():
+    """`ang_vel_x` ends like `vel_x`: a flight log's rates became its linear velocity."""
+    robot = load_robot_model("hummingbird")
+    t = np.arange(50.0)
+    names = [f"q{k}" for k in range(4)]
+    names += [f"{kind}_{axis}" for kind in ("ang_vel", "acc_b") for axis in "xyz"]
+    names += ["vx", "vy", "vz", *(f"u{k}" for k in range(4))]
+    made = LogTable("a.csv", {name: Channel(t, np.sin(t)) for name in names}, 0)
+    vehicle = tomllib.loads(first_map([made], robot))["vehicle"]
+    assert vehicle == {
+        "quaternion": ["q0", "q1", "q2", "q3"],
+        "order": "wxyz",
+        "linear": ["vx", "vy", "vz"],
+        "angular": ["ang_vel_x", "ang_vel_y", "ang_vel_z"],
+        "acceleration": ["acc_b_x", "acc_b_y", "acc_b_z"],
+    }

@@ -2,6 +2,7 @@
 
 import io
 import json
+import signal
 from concurrent.futures import CancelledError
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from nsaid_mj.base.errors import InvalidInput, UnknownName
 from nsaid_mj.clinic.identify.measured import LiveRobot, measured_scenario
 from nsaid_mj.clinic.live import _LINE
 from nsaid_mj.clinic.logs.stream import Cleaner, parsed, sample_of, turned
-from nsaid_mj.clinic.session import LiveEstimate, Session
+from nsaid_mj.clinic.session import EstimateStream, LiveEstimate, Session
 from nsaid_mj.core.laws.base import Confidence
 from nsaid_mj.core.log import Log
 from nsaid_mj.lab.evaluation.run_misfit import filter_of
@@ -298,3 +299,14 @@ def test_after_a_gap_another_log_is_judged(log: Log):
     least = expected.widening * Confidence.of_gains(own.confidence(at), at.theta_hat, space)
     now = Confidence.of_gains(wider, state.theta_hat, space)
     np.testing.assert_array_equal(misfit.deviations(state), np.maximum(now, least))
+
+
+def test_ctrl_c_while_kernels_are_loaded_ends_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It ended the short run that loads them alone, and samples were waited for then."""
+    raised = signal.signal(signal.SIGINT, signal.default_int_handler)
+    monkeypatch.setattr(EstimateStream, "start", lambda *_: signal.raise_signal(signal.SIGINT))
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            session("paper").warm_up()
+    finally:
+        signal.signal(signal.SIGINT, raised)

@@ -33,7 +33,7 @@ from nsaid_mj.clinic.identify.residuals import (
     widened,
 )
 from nsaid_mj.clinic.identify.result import JointStructure
-from nsaid_mj.clinic.identify.unmodelled_effects import _answered
+from nsaid_mj.clinic.identify.unmodelled_effects import _answered, command_suspects
 from nsaid_mj.clinic.identify.verdict import verdict
 from nsaid_mj.clinic.logs.recordings import LogSegment, Recordings
 from nsaid_mj.core.log import Log
@@ -490,3 +490,12 @@ def test_a_play_is_not_told_far_from_the_one_that_was_simulated():
     assert len(entered(true._replace(part="gear"), other._replace(part="gear"))) == 1
     assert true._replace(part="gear").cause == other._replace(part="gear").cause
     assert true.cause != other.cause
+
+
+def test_a_force_of_one_direction_is_not_weaker_in_the_other():
+    """A rotor's was "weaker in one direction", with all of the variance."""
+    t = np.linspace(0, 10, 500)
+    for lowest, there in ((0.2, False), (-1.0, True)):
+        force = np.maximum(np.sin(t), lowest)[:, None, None]
+        said = [suspect.words for suspect in command_suspects(t, force, ["rotor"])]
+        assert ("the sign of its force" in said) == there

@@ -120,9 +120,8 @@ def test_all_that_is_missing_is_said_at_once(dive):
                 "quaternion": ["a", "b", "c", "d"],
                 "position": ["x", "y", "z"],
                 "depth": "h",
-                "acceleration": ["i", "j", "k"],
             },
-            "acceleration, depth",
+            "depth",
         ),
     ],
 )

@@ -5,6 +5,8 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Callable
 from functools import lru_cache
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -15,7 +17,7 @@ from nsaid_mj.clinic.identify.fixing import fix
 from nsaid_mj.clinic.logs.causes import velocity_causes
 from nsaid_mj.clinic.logs.checks import checks
 from nsaid_mj.clinic.logs.clocks import regular
-from nsaid_mj.clinic.logs.evidence import LogMotion
+from nsaid_mj.clinic.logs.evidence import LogMotion, driven_joints
 from nsaid_mj.clinic.logs.mapping import Map, map_of
 from nsaid_mj.clinic.logs.preparation import prepare
 from nsaid_mj.clinic.logs.remedies import composed, mended, remedies
@@ -307,3 +309,11 @@ def test_irregular_sampling_keeps_its_times():
     t = np.arange(5000) / 250 + rng.uniform(-2e-3, 2e-3, 5000)
     q = [np.sin(2 * np.pi * f * t) + 1e-4 * rng.standard_normal(len(t)) for f in (0.3, 0.8)]
     assert regular(np.sort(t), q) is None
+
+
+def test_a_command_whose_squares_underflow_does_not_change() -> None:
+    """Its deviation is 0, so that no share of it is explained: such shares were NaN."""
+    u = np.column_stack([np.sin(np.arange(100.0)), np.resize([0.0, 5e-324], 100)])
+    robot: Any = SimpleNamespace(joints=("a", "b"), passive=())
+    motion: Any = SimpleNamespace(u=u, usable=np.ones((100, 2), bool))
+    assert driven_joints(robot, motion) == [0]

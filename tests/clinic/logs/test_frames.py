@@ -7,11 +7,13 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from nsaid_mj.base.findings import Finding
 from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.clinic.logs.checks import checks
-from nsaid_mj.clinic.logs.mapping import map_of
+from nsaid_mj.clinic.logs.frames import _other_axes
+from nsaid_mj.clinic.logs.mapping import Vehicle, map_of
 from nsaid_mj.clinic.logs.preparation import prepare
 from nsaid_mj.clinic.logs.remedies import mended, remedies
 from nsaid_mj.clinic.logs.tables import Channel, LogTable
@@ -93,3 +95,41 @@ def test_a_noisy_pose_is_no_other_scale():
     for name in ("qx", "qy", "qz", "qw", "x", "y", "z"):
         table[name] = table[name] + 0.02 * rng.standard_normal(len(table[name]))
     assert _findings(_drawn().map, table) == []
+
+
+@pytest.mark.parametrize("stated", ["body", "world"])
+@pytest.mark.parametrize("truth", ["body", "world"])
+def test_a_level_vehicle_of_one_heading_shows_the_axes_of_its_velocities(stated, truth):
+    """Both differ by a tenth, which was taken for noise: a Crazyflie's log passed."""
+    rng = np.random.default_rng(4)
+    t = np.arange(0, 30, 0.01)
+    tilt = 0.15 * np.column_stack([np.sin(1.1 * t), np.sin(1.7 * t + 1), 0.1 * np.sin(0.3 * t)])
+    turns = Rotation.from_rotvec(tilt)
+    path = np.column_stack([np.sin(0.8 * t), np.cos(0.6 * t), 0.3 * np.sin(0.5 * t)])
+    world = np.gradient(path, 0.01, axis=0) + 0.01 * rng.normal(size=path.shape)
+    rates = np.gradient(tilt, 0.01, axis=0)
+    body = turns.inv().apply(world)
+    given = world if truth == "world" else body
+    linear = turns.inv().apply(given) if stated == "world" else given  # as the map has it read
+    noisy = path + 2e-3 * rng.normal(size=path.shape)
+    q = np.hstack([noisy, turns.as_quat()])
+    names = ("a", "b", "c")
+    vehicle = Vehicle(position=names, quaternion=(*names, "d"), linear=names, twist=stated)
+    found = _other_axes(q, np.hstack([linear, rates]), 100.0, vehicle)
+    assert [f.data["map"] for f in found] == ([{"vehicle.twist": truth}] if stated != truth else [])
+
+
+def test_a_robot_on_a_bench_has_no_exchanged_commands():
+    """Constant forces may be anything: noise and one step made three thrusters exchanged."""
+    rng = np.random.default_rng(0)
+    t = np.arange(0, 9, 0.1)
+    v = rng.normal(size=(len(t), 6)) * [5e-4, 5e-4, 5e-4, 2e-4, 2e-4, 2e-4]
+    v += [-2e-3, 0.0, 0.0, -8e-3, 6e-3, -2e-3]  # a gyroscope's bias
+    v[:, 1] += 0.009 / (1 + np.exp(-4 * (t - 3.5)))  # and an estimate that drifts
+    table = {"t": t, "x": 0 * t, "y": 0 * t, "z": 0 * t, "qw": 1 + 0 * t}
+    table |= {name: 1e-5 * rng.normal(size=len(t)) for name in ("qx", "qy", "qz")}
+    table |= dict(zip(("vx", "vy", "vz", "p", "q", "r"), v.T, strict=True))
+    steps = np.array([-15, 20, 15, -20, 0, 0, 0, 0]) / 1000
+    table |= {f"u{k + 1}": np.where(t > 0.3, u, 0.0) for k, u in enumerate(steps)}
+    free = _drawn().map.replace('position = ["x", "y", "z"]\n', "")
+    assert _findings(free, table) == []

@@ -87,16 +87,82 @@ def spans(channels: dict[str, Channel], stated: Phases | None = None) -> list[tu
     [
         ("vehicle_status/arming_state", [1, 2, 1], "disarmed"),
         ("vehicle_land_detected/landed", [1, 0, 1], "landed"),
-        ("ARM/ArmState", [0, 1, 0], "disarmed"),
         ("robot/is_armed", [0, 1, 0], "disarmed"),
         ("torque_enable", [0, 1, 0], "disarmed"),
         ("EV/Id", [15, 10, 11], "disarmed"),
-        ("EV/Id", [57, 28, 18], "landed"),
+        ("EV/Id", [15, 28, 17], "landed"),
+        ("EV/Id", [57, 55, 54], "disarmed"),
+        ("actuator_armed/kill", [1, 0, 1], "disarmed"),
+        ("vehicle_land_detected/ground_contact", [1, 0, 1], "landed"),
     ],
 )
 def test_events_of_flight_controllers(name, values, kind):
     found = spans({name: channel([0.0, 5.0, 60.0], values)})
-    assert found == [(kind, -np.inf, 5.0), (kind, 60.0, np.inf)]
+    assert found[:2] == [(kind, -np.inf, 5.0), (kind, 60.0, np.inf)]
+
+
+@pytest.mark.parametrize(
+    ("first", "spans_of"), [(0, [(5.0, np.inf)]), (1, [(-np.inf, 5.0)])], ids=["disarms", "arms"]
+)
+def test_before_a_controller_s_first_change_the_opposite_held(first, spans_of):
+    """ArduSub logs from arming on: all of such a log counted as disarmed."""
+    found = spans({"ARM/ArmState": channel([5.0], [first])})
+    assert found == [("disarmed", *span) for span in spans_of]
+
+
+def test_a_crash_that_a_flight_controller_finds_ends_the_flight():
+    when = [0.0, 5.0, 60.0]
+    said = {"ERR/Subsys": channel(when, [2, 12, 12]), "ERR/ECode": channel(when, [1, 1, 0])}
+    assert spans(said) == [("after an impact", 5.0, 60.0)]
+    del said["ERR/ECode"]
+    assert spans(said) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "actuator", "modes"),
+    [
+        ("MODE/ModeNum", "rotor", ["Stabilize", "Land", "40"]),
+        ("MODE/Mode", "thruster", ["Stabilize", "Surface", "40"]),
+        ("MODE/ModeNum", "", ["0", "9", "40"]),  # of a rover, whose modes have other numbers
+        ("vehicle_status/nav_state", "rotor", ["Manual", "9", "40"]),
+        ("pilot/flight_mode", "rotor", ["0", "9", "40"]),
+    ],
+)
+def test_modes_are_shown_by_name_and_leave_nothing_out(name, actuator, modes):
+    channels = {name: channel([0.0, 5.0, 60.0], [0, 9, 40])}
+    found = events_of(channels, Phases(), actuator)
+    assert [(e.kind, e.name) for e in found] == [("mode", x) for x in modes]
+    assert [e.start for e in found] == [-np.inf, 5.0, 60.0]
+
+
+def test_a_column_of_many_values_is_no_mode():
+    assert spans({"a/mode": channel([0.0, 1.0], [0.0, 0.5])}) == []
+    t = np.arange(100.0)
+    assert spans({"a/mode": Channel(t, t)}) == []
+
+
+def test_modes_of_a_flight_are_a_note_and_in_every_phase(tmp_path):
+    from dataclasses import replace
+
+    from nsaid_mj.clinic.logs.tables import read_tables
+
+    drawn = draw(7, tmp_path, "armed column", "crazyflie")
+    (table,) = read_tables([drawn.log])
+    t = next(iter(table.channels.values())).t
+    end = float(t[-1])
+    mode = Channel(t, (t > end / 2).astype(float))
+    table = replace(table, channels=table.channels | {"pilot_mode": mode})
+    robot = load_robot_model(drawn.model)
+    stated = Map(phases=Phases(mode="pilot_mode"))
+    found = prepare([table], stated, robot)
+    (note,) = [finding for finding in found.findings if finding.code == "modes"]
+    assert note.level == "note" and [x["mode"] for x in note.data["modes"]] == ["0", "1"]
+    assert note.data["modes"][1]["span"][0] == pytest.approx(end / 2, abs=0.02)
+    assert [phase.kind for phase in found.phases] == ["disarmed", "airborne"]
+    *_, words = found.phases[1].row
+    assert words == "used (mode 0, 1)"
+    plain = prepare(read_tables([drawn.log]), None, robot)
+    np.testing.assert_array_equal(found.segments[0].log.v, plain.segments[0].log.v)
 
 
 def test_columns_of_a_map_are_events():
@@ -135,3 +201,19 @@ def test_short_episodes_count_together_and_what_is_too_short_is_counted():
     assert len(found.segments) == 15
     (finding,) = [f for f in found.findings if f.code == "short_stretch"]
     assert finding.data["count"] == 4 and "4 of 19" in finding.text
+
+
+def test_a_flight_out_of_the_hand_is_not_carried(tmp_path):
+    """Nothing lay still between both: the whole flight counted as carried."""
+    drawn = draw(5, tmp_path, "carried", "crazyflie")
+    ((_, end),) = drawn.out
+    head, *lines = drawn.log.read_text().splitlines()
+    t = np.array([float(line.split(",")[0]) for line in lines])
+    still = (t > end - 2.2) & (t < end + 1.5)  # it is put down, lies, and takes off gently
+    kept = [line for line, lies in zip(lines, still, strict=True) if not lies]
+    step = t[1] - t[0]
+    stamped = [f"{k * step:.6g},{line.partition(',')[2]}" for k, line in enumerate(kept)]
+    drawn.log.write_text("\n".join([head, *stamped]))
+    parts = left_out(read(drawn))
+    assert parts[-1][0] == "carried"
+    assert end - 2.2 <= parts[-1][2] < end - 1.2

@@ -13,7 +13,7 @@ from nsaid_mj.clinic.logs.layout import layout
 from nsaid_mj.clinic.logs.mapping import Battery, ColumnMap, Map, map_of
 from nsaid_mj.clinic.logs.preparation import prepare
 from nsaid_mj.clinic.logs.tables import Channel, LogTable
-from nsaid_mj.clinic.logs.unusable import UnmatchedChannels
+from nsaid_mj.clinic.logs.unusable import UnmatchedChannels, UnusableLog
 from nsaid_mj.robots.model import RobotModel
 
 T = np.arange(2000) / 200
@@ -203,3 +203,46 @@ def test_outputs_of_another_frame_are_not_taken():
     lacking = {name: c for name, c in made.channels.items() if name != "RCOU/C8"}
     with pytest.raises(UnmatchedChannels):
         layout(None, robot, [replace(made, channels=lacking)])
+
+
+@pytest.mark.parametrize(("stated", "fits"), [(2.0, True), (1.0, False), (7.0, False)])
+def test_the_frame_that_a_log_states_is_compared_with_the_sheets(stated, fits):
+    """Motors of a six-thruster ROV were taken for those of a heavy one, and ended in an error."""
+    robot = load_robot_model("bluerov2")
+    made, _ = _ardusub_table(robot, {})
+    made = replace(
+        made,
+        channels=made.channels | {"PARM/FRAME_CONFIG": Channel(T[:1], np.array([stated]))},
+    )
+    if fits:
+        assert "vectored 6DOF" in layout(None, robot, [made]).assumed
+        return
+    with pytest.raises(UnusableLog) as caught:
+        layout(None, robot, [made])
+    (finding,) = caught.value.findings
+    assert finding.code == "vehicle_frame" and "vectored" in finding.text
+
+
+@pytest.mark.parametrize("estimator", ["XKF1", "NKF1", "EKF1"])
+@pytest.mark.parametrize("outputs", ["RCOU/C{}", "RCOU/Ch{}"])
+def test_messages_of_older_ardupilots_are_read(quadrotor, estimator, outputs):
+    names = ["ATT/Roll", "ATT/Pitch", "ATT/Yaw", *(f"IMU/Gyr{axis}" for axis in "XYZ")]
+    names += [f"{estimator}/V{axis}" for axis in "NED"]
+    names += [outputs.format(k + 1) for k in range(4)]
+    made = LogTable("a.bin", {name: Channel(T, np.sin(T)) for name in names}, 0)
+    found = layout(None, quadrotor, [made])
+    assert found.vehicle is not None and found.vehicle.linear is not None
+    assert found.vehicle.linear[0] == f"{estimator}/VN"
+    used = {source.column.column for source in found.commands if source}
+    assert used == {outputs.format(k + 1) for k in range(4)}
+
+
+def test_rates_of_older_px4s_are_read(quadrotor):
+    names = [f"vehicle_attitude/q[{i}]" for i in range(4)]
+    names += [f"vehicle_attitude/{axis}speed" for axis in ("roll", "pitch", "yaw")]
+    names += [f"vehicle_local_position/v{axis}" for axis in "xyz"]
+    names += [f"actuator_outputs/output[{i}]" for i in range(4)]
+    made = LogTable("a.ulg", {name: Channel(T, np.sin(T)) for name in names}, 0)
+    found = layout(None, quadrotor, [made])
+    assert found.vehicle is not None and found.vehicle.angular is not None
+    assert found.vehicle.angular[0] == "vehicle_attitude/rollspeed"

@@ -203,4 +203,4 @@ def test_damping_and_delay_are_no_longer_than_their_sum():
 
 def test_where_gravity_does_not_tell_kp_ratios_are_said():
     found = {p.name: p for p in parameters(1, joint(gravity=False), None)}
-    assert found["kp_1"].combination.startswith("gravity does not tell kp, but kv/kp = ")
+    assert found["kp_1"].combination.startswith("gravity does not determine kp, but kv/kp = ")

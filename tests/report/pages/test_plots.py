@@ -104,6 +104,14 @@ def test_few_equal_or_extreme_values_are_drawn_without_a_warning(values, logarit
     assert {"t [s]", "y [m]"} <= words_of(text)
 
 
+@pytest.mark.parametrize("t", [0.0, -3.0, 1e12, 1e18, -1e200])
+def test_one_sample_is_drawn_whenever_it_was_measured(t: float) -> None:
+    """At 1e18 s a second more is the same number."""
+    made = Panel("what", "y [m]")
+    made.add(np.array([t]), np.array([1.0]), "curve")
+    assert {"t [s]", "y [m]"} <= words_of(over_time(made))
+
+
 def test_of_a_long_curve_about_1500_points_are_drawn_with_its_ends_and_its_peak():
     values = np.sin(np.arange(40_000) / 3e3)
     values[12_345] = 9.0

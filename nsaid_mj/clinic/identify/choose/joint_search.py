@@ -485,9 +485,9 @@ def _friction_in_words(
     speed = SPEEDS[shape.speed]
     before, after = map(rms, errors)
     unit = f"{rows.robot.units[joint]}/s"
-    fall = f", falling over {FALLS[shape.fall]:g} {unit}" if "stribeck" in used else ""
+    fall = f", Stribeck velocity {FALLS[shape.fall]:g} {unit}" if "stribeck" in used else ""
     text = (
-        f"the columns {', '.join(names)} are used, with dry friction that turns over {speed:g} "
+        f"the columns {', '.join(names)} are used, with Coulomb friction smoothed over {speed:g} "
         f"{unit}{fall}: held-out error {100 * after:.3g} % (before: {100 * before:.3g} %), the "
         f"best of {tried} choices"
     )

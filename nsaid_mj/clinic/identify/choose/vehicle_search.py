@@ -67,10 +67,10 @@ def _richer(rows: VehicleRows, timing: Timing) -> tuple[frozenset[str], list[Fin
             continue
         trial = cost(columns | {name}, timing)
         if improves(best, trial, option.criterion):
-            text = f"a column of {name} per velocity lowers the cost by {best - trial:.0f}"
+            text = f"added {name} on every velocity (log-likelihood +{best - trial:.0f})"
             if name == "manoeuvring":
-                text = "forces of manoeuvring (products of surge, sway and yaw rate) lower the cost"
-                text += f" by {best - trial:.0f}: the sheet has none, or others"
+                text = "added manoeuvring forces, products of surge, sway and yaw rate "
+                text += f"(log-likelihood +{best - trial:.0f}): the sheet has none, or others"
             columns = columns | {name}
             best = trial
             data = {"columns": sorted(columns)}
@@ -304,8 +304,15 @@ def _with_cutoff(rows: VehicleRows, share: float) -> VehicleRows:
 
 def _narrower(rows: VehicleRows) -> list[VehicleRows]:
     """The rows, and those of lower cut-offs that leave enough of them."""
-    others = [_with_cutoff(rows, share) for share in CUTOFF.values]
-    return [rows, *(other for other in others if len(other.t) >= FEWEST)]
+    enough = [share for share in CUTOFF.values if _count(rows, share) >= FEWEST]
+    return [rows, *(_with_cutoff(rows, share) for share in enough)]
+
+
+def _count(rows: VehicleRows, share: float) -> int:
+    """How many rows a lower cut-off leaves: of a short log none, as its filter is longer."""
+    narrower = filter_for(rows.recordings, share * rows.chosen.cutoff)
+    lengths = [len(segment.log.t[:: narrower.every]) for segment in rows.recordings.segments]
+    return sum(len(narrower.centres(length)) for length in lengths)
 
 
 def _most_informative(

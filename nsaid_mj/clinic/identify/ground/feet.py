@@ -48,19 +48,19 @@ def feet_of(robot: RobotModel, stated: ContactMap) -> tuple[list[ContactPoint], 
     places = list(places_of(robot))
     if stated.feet:
         chosen = [[_named(places, name)] for name in stated.feet]
-        how = "the map names them"
+        how = "in the map"
     else:
         chosen = _called_feet(robot, places)
-        how = "by their names"
+        how = "by name"
         if not chosen:
             chosen = _lowest(robot, places)
-            how = "the ends of the limbs that reach lowest"
+            how = "at the ends of the limbs that reach lowest"
     if not chosen:
         remedy = 'Name them in map.toml: `[contacts]`, `feet = ["…"]`, geoms, sites or links.'
         raise BadRobot(robot.name, "", "no feet were found in the model file", remedy)
     found = [_contact(robot, group, stated) for group in chosen]
     words = ", ".join(_in_words(contact) for contact in found)
-    text = f"it may touch the ground with {words} ({how}); their forces are unknown"
+    text = f"contact points with the ground, found {how}: {words}; their forces are unknown"
     points = [c.name for c in found if not c.flat and c.radius == 0]
     if points and stated.radius is None:
         remedy = "If they are round, give their radius in map.toml: `[contacts]`, `radius = 0.02`."
@@ -231,7 +231,7 @@ def imu_pose(robot: RobotModel, imu: Imu) -> tuple[pin.SE3, Finding]:
     if imu.place is not None:
         turn = pin.rpy.rpyToMatrix(np.radians(imu.turn))
         pose = pin.SE3(turn, np.array(imu.place))
-        return pose, Finding("note", "imu_pose", "IMU", f"its place is the map's{_at(pose)}")
+        return pose, Finding("note", "imu_pose", "IMU", f"placed by the map{_at(pose)}")
     places = list(places_of(robot))
     if imu.site is not None:
         place = _named(places, imu.site)
@@ -240,15 +240,13 @@ def imu_pose(robot: RobotModel, imu: Imu) -> tuple[pin.SE3, Finding]:
             remedy = "Name a site on the base, or give its `place` in [base]."
             raise BadRobot(robot.name, "", reason, remedy)
         pose = place.placement
-        return pose, Finding("note", "imu_pose", "IMU", f"it sits at {imu.site}{_at(pose)}")
+        return pose, Finding("note", "imu_pose", "IMU", f"at {imu.site}{_at(pose)}")
     own = [p for p in places if p.joint == 1 and not p.solid and "imu" in p.name.lower()]
     if own:
         pose = own[0].placement
-        text = f"it sits at the {own[0].kind} {own[0].name} of the model file{_at(pose)}"
+        text = f"at the {own[0].kind} {own[0].name} of the model file{_at(pose)}"
         return pose, Finding("note", "imu_pose", "IMU", text)
-    text = (
-        "the model file has no site or link called imu; it is taken to sit at the base's origin, "
-    )
+    text = "the model file has no site or link called imu; it is assumed at the base's origin, "
     text += "along its axes"
     remedy = (
         "Give its pose in map.toml: `[base]`, `place = [x, y, z]` [m], `turn` [deg]; 5 cm cost "
@@ -258,5 +256,5 @@ def imu_pose(robot: RobotModel, imu: Imu) -> tuple[pin.SE3, Finding]:
 
 
 def _at(pose: pin.SE3) -> str:
-    x, y, z = 100 * pose.translation
-    return f", {x:.3g}, {y:.3g}, {z:.3g} cm from the base's origin"
+    place = ", ".join(f"{x:.3g}" for x in 100 * pose.translation).replace("-", "−")
+    return f", ({place}) cm from the base's origin"

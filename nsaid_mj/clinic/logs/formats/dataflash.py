@@ -12,7 +12,8 @@ from . import Columns, check_size
 
 _CLOCKS = {"TimeUS": 1.0, "TimeMS": 1e3}  # fields of the time, and their unit [µs]
 _LATEST = 1e15  # thirty years [µs]; a time beyond is damaged
-_WANTED = re.compile(r"MOT_\d+_DIRECTION")  # parameters that say what commands mean
+_WANTED = re.compile(r"MOT_\d+_DIRECTION|FRAME_CONFIG|FRAME_TYPE")
+"""Parameters that say what commands mean, and of which motors."""
 _INSTANCES = ("I", "Instance", "C")
 
 
@@ -21,7 +22,7 @@ def read(path: Path) -> list[Columns]:
 
     Messages of several sensors or motors (field `I`, `C` or `Instance`) are separated:
     `KIND_1/FIELD` of instance 1. Times are `TimeUS` [µs], in old logs `TimeMS` [ms].
-    A parameter that reverses a motor is `PARM/MOT_1_DIRECTION`.
+    A parameter that reverses a motor is `PARM/MOT_1_DIRECTION`, one of frames `PARM/FRAME_TYPE`.
 
     Raises:
         UnreadableLog: the file is beyond the limit or has no message with a time.
