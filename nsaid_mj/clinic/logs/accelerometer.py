@@ -225,4 +225,4 @@ def _fitted(residual: Array, arms: Array) -> tuple[Array, float, float]:
     b = residual.reshape(-1)
     found = np.linalg.lstsq(A, b, rcond=None)[0]
     left = float(np.sqrt(np.mean((b - A @ found) ** 2)))
-    return np.asarray(found), left, float(np.sqrt(np.mean(b**2)))
+    return np.asarray(found, np.float64), left, float(np.sqrt(np.mean(b**2)))

@@ -515,8 +515,10 @@ def _driven(recordings: Recordings, robot: RobotModel) -> list[Finding]:
     driven = balance.driven
     found: list[tuple[Array, str, str, dict[str, object]]] = []
     ratio = _DRIVES
-    for axes in other_axes(vehicle) if robot.system.group == 6 and vehicle is not None else ():
-        turned = [(*read_as(q, v, vehicle, axes), u) for q, v, u in motions]
+    stated = vehicle if robot.system.group == 6 else None
+    for axes in other_axes(stated) if stated else ():
+        assert stated is not None
+        turned = [(*read_as(q, v, stated, axes), u) for q, v, u in motions]
         error = SheetBalance(robot, turned, recordings).errors()
         if _ratio(error, own) < ratio:
             found.append((error, "frame", axes_in_words(axes), axes))

@@ -226,7 +226,7 @@ def _modes(channels: Mapping[str, Channel], stated: Phases, actuator: str) -> li
     t, x = t[present], x[present]
     if not len(x) or (x % 1).any() or len(np.unique(x)) > _MOST_MODES:
         return []
-    names: list[str] = []
+    names: Sequence[str] = ()
     if column == _OF_PX4:
         names = _PX4.split(", ")
     elif column.startswith("MODE/"):

@@ -35,7 +35,7 @@ from .layout import (
 )
 from .mapping import Map
 from .pd_law import held_mean
-from .phases import LogPhase, events_of, modes_stated, phases, phases_stated
+from .phases import LogPhase, events_of, modes_stated, parts_in_words, phases, phases_stated
 from .recordings import LogSegment, Recordings
 from .tables import LogTable, join, values_of
 from .unusable import UnusableLog
@@ -117,7 +117,8 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
         text = f"no interval of {LEAST} s has all signals"
         remedy = "Record a longer log."
         if stated:
-            text = f"no interval of {LEAST} s remains"
+            left = parts_in_words(seen).partition("left out: ")[2].rstrip(".")
+            text = f"no interval of {LEAST} s remains; left out: {left}"
             remedy = "Record a motion; `[phases]` in map.toml corrects phases found wrongly."
         elif any(finding.code == "rest" for finding in findings):
             text = f"no joint moves faster than its noise for {LEAST} s"

@@ -188,6 +188,7 @@ def test_a_log_that_is_all_rest_is_refused_with_its_phase(tmp_path):
     with pytest.raises(UnusableLog) as caught:
         read(drawn)
     assert "phases" in {finding.code for finding in caught.value.findings}
+    assert "left out: disarmed" in str(caught.value)
 
 
 def test_short_episodes_count_together_and_what_is_too_short_is_counted():
