@@ -114,16 +114,7 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
     findings += modes_stated(seen)
     findings += short_stated(short, len(segments), SHORTEST)
     if sum(len(segment.log.t) for segment in segments) < LEAST * rate:
-        text = f"no interval of {LEAST} s has all signals"
-        remedy = "Record a longer log."
-        if stated:
-            left = parts_in_words(seen).partition("left out: ")[2].rstrip(".")
-            text = f"no interval of {LEAST} s remains; left out: {left}"
-            remedy = "Record a motion; `[phases]` in map.toml corrects phases found wrongly."
-        elif any(finding.code == "rest" for finding in findings):
-            text = f"no joint moves faster than its noise for {LEAST} s"
-            remedy = "Record a motion; check that the columns of the positions are the right ones."
-        findings.append(Finding("refusal", "short_log", "", text, remedy))
+        findings.append(_too_short(stated, seen, findings))
         raise UnusableLog(tuple(findings))
     return Recordings(
         tuple(segments),
@@ -137,6 +128,22 @@ def prepare(tables: Sequence[LogTable], mapping: Map | None, robot: RobotModel) 
         replace(mapping.contacts, force=made.imu.feet if made.imu else ()),
         timed=mapping.time.scale is not None,
     )
+
+
+def _too_short(
+    stated: Sequence[Finding], seen: Sequence[LogPhase], findings: Sequence[Finding]
+) -> Finding:
+    """Why too little of the logs can be used; `stated` names the phases that are left out."""
+    text = f"no interval of {LEAST} s has all signals"
+    remedy = "Record a longer log."
+    if stated:
+        left = parts_in_words(seen).partition("left out: ")[2].rstrip(".")
+        text = f"no interval of {LEAST} s remains; left out: {left}"
+        remedy = "Record a motion; `[phases]` in map.toml corrects phases found wrongly."
+    elif any(finding.code == "rest" for finding in findings):
+        text = f"no joint moves faster than its noise for {LEAST} s"
+        remedy = "Record a motion; check that the columns of the positions are the right ones."
+    return Finding("refusal", "short_log", "", text, remedy)
 
 
 def _cleaned(
