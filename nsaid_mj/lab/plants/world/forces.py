@@ -108,10 +108,9 @@ class ColumnForces:
     @property
     def gain_places(self) -> list[list[int]]:
         """For every command, the indices in `numbers` of its actuator's parameters."""
-        start = (
-            _HEADER + sum(part.size for part in self.system.structure.arrays) + 4 * self.system.n
-        )
-        return [[start + k for k in own] for own in self.system.structure.gains_of_commands()]
+        structure = self.system.structure
+        start = _HEADER + sum(part.size for part in structure.arrays)  # θ stands behind these
+        return [[start + k for k in own] for own in structure.gains_of_commands()]
 
 
 class _ForceWorkspace(NamedTuple):
