@@ -131,11 +131,10 @@ class Progress(Observer):
     def see(self, log: Log, states: dict[str, State], levels: tuple[float, float]) -> None:
         """Updates the bar, at most ten times a second."""
         now = self._watch.seconds
-        if now - self._last < _PERIOD:
+        t = float(log.t[-1])
+        if t <= 0 or now - self._last < _PERIOD:
             return
-        self._last, t = now, float(log.t[-1])
-        if t <= 0:
-            return
+        self._last = now
         speed = t / max(now, 1e-9)
         dv = states[""].v_hat - log.v[-1]
         figures = f"{t:.1f} of {self._end:g} s{self._left(t / self._end)}"

@@ -430,10 +430,11 @@ def test_an_unknown_robot_gives_near_names():
     assert "Did you mean ur5" in str(caught.value) and ".urdf" in str(caught.value)
 
 
-def test_an_unknown_robot_without_near_names_lists_all():
+def test_an_unknown_robot_without_near_names_lists_some_and_the_command_for_all():
     with pytest.raises(UnknownName) as caught:
         load_robot("§§§")
-    assert caught.value.near == () and "solo12" in str(caught.value)
+    assert caught.value.near == () and "a1, " in str(caught.value)
+    assert "`nsaid list` shows all" in str(caught.value)
 
 
 @pytest.mark.parametrize("where", ["nowhere.urdf", "a/folder", "."])

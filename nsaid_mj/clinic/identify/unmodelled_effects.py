@@ -149,12 +149,10 @@ def command_suspects(t: Array, forces: Array, names: Sequence[str]) -> Iterator[
         own = forces[:, :, k]
         signed = own @ np.linalg.svd(own.T @ own)[0][:, 0]
         size = np.abs(signed) / max(float(np.sqrt(np.mean(signed**2))), 1e-300)
-        reversing = []
-        if min(np.mean(signed > 0), np.mean(signed < 0)) > _REVERSES:  # else it is its own column
-            weaker = "Its drive is weaker in one direction."
-            reversing = [("the sign of its force", np.sign(signed), weaker)]
+        reversing = min(np.mean(signed > 0), np.mean(signed < 0)) > _REVERSES
+        sign = reversing * np.sign(signed)  # of one direction it would be the command's own column
         for words, factor, more in (
-            *reversing,
+            ("the sign of its force", sign, "Its drive is weaker in one direction."),
             ("the size of its force", size, "It may saturate."),
             ("a dead zone of its force", 1 / np.maximum(size, _SMALL), "It may have a dead zone."),
         ):

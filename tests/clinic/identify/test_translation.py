@@ -54,7 +54,7 @@ def test_the_rotation_of_a_rov_is_identified_from_attitude_and_rates(dive, rotat
 def test_what_is_left_out_is_named_and_not_identified(rotation):
     (finding,) = [f for f in rotation.findings if f.code == "rotation_alone"]
     assert finding.data["left_out"] == ["surge", "sway", "heave"]
-    assert "surge, sway, heave cannot be judged" in rotation.verdict
+    assert "surge, sway, heave are not measured and cannot be judged" in rotation.verdict
     own = {p.label: p for p in rotation.parameters}
     for label in ("linear drag in surge", "quadratic drag in heave", "net weight"):
         assert own[label].status == "not excited"

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from nsaid_mj.base import InvalidInput
-from nsaid_mj.core import KalmanFilter, Log, MemoryConfig, NullspaceAID
+from nsaid_mj.core import KalmanFilter, Log, NullspaceAID
 from nsaid_mj.core.laws.base import Confidence, Status
 from nsaid_mj.core.laws.memory.statistics import Recorder
-from nsaid_mj.core.laws.settings import EfficientConfig
+from nsaid_mj.core.laws.settings import EfficientConfig, MemoryConfig
 from nsaid_mj.core.log import EXACT
 from nsaid_mj.core.quotient.cost import Remembered
 from tests.support.walkers import GAINS, quadruped, walk
