@@ -50,12 +50,14 @@ def arm_suspects(
     model = with_inertias(rows.robot.model, links, 0 * rotor)  # rotors are columns of their own
     residual = problem.residual(theta)
     driven = -problem.actuation(theta)
-    either = zip(_of_forces(rows, driven), _of_forces(rows, driven + residual), strict=True)
+    needed = {s.cause: s.columns for s in _of_forces(rows, driven + residual)}
     residual = np.where(problem.usable, residual, 0.0)
     for j, columns in enumerate(choice.columns):
         if "rotor" in columns:
             rotor[j] = theta[problem.space.index(f"rotor_{j + 1}")]
-    yield from (stated._replace(other=needed.columns) for stated, needed in either)
+    for stated in _of_forces(rows, driven):
+        if stated.cause in needed:  # else the force is reversed with the residual alone, or without
+            yield stated._replace(other=needed[stated.cause])
     yield from _own(rows, choice)
     torque = rows.links @ links
     names = rows.robot.joints
@@ -149,10 +151,12 @@ def command_suspects(t: Array, forces: Array, names: Sequence[str]) -> Iterator[
         own = forces[:, :, k]
         signed = own @ np.linalg.svd(own.T @ own)[0][:, 0]
         size = np.abs(signed) / max(float(np.sqrt(np.mean(signed**2))), 1e-300)
-        reversing = min(np.mean(signed > 0), np.mean(signed < 0)) > _REVERSES
-        sign = reversing * np.sign(signed)  # of one direction it would be the command's own column
+        reversing = []
+        if min(np.mean(signed > 0), np.mean(signed < 0)) > _REVERSES:  # else it is its own column
+            weaker = "Its drive is weaker in one direction."
+            reversing = [("the sign of its force", np.sign(signed), weaker)]
         for words, factor, more in (
-            ("the sign of its force", sign, "Its drive is weaker in one direction."),
+            *reversing,
             ("the size of its force", size, "It may saturate."),
             ("a dead zone of its force", 1 / np.maximum(size, _SMALL), "It may have a dead zone."),
         ):
