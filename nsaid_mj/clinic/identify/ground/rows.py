@@ -210,7 +210,9 @@ class GroundRows(Rows):
             M[:, :, j] = self._moving(rest._replace(a=rest.a + unit), theta) - still
         segment, curve = self._commands[number]
         change = curve.derivative()(segment.log.t[:: self.chosen.every]) / self.recordings.rate
-        change = (change * np.sign(self.robot.gain))[:, self.driven] * theta[self.space.actuators]
+        assert self.law is not None
+        change = change * np.sign(self.robot.gain) * (self.law[0] > 0)  # other commands do not step
+        change = change[:, self.driven] * theta[self.space.actuators]
         E = self.eliminated[number].E
         force = E[:, :, [BASE + j for j in self.driven]] @ change[:, :, None]
         held = self.system.contact_jacobians(self.ground.feet, motion.q)[0]
@@ -334,8 +336,10 @@ class GroundRows(Rows):
         """
         segment, curve = self._commands[number]
         stated = self.recordings.feedback is not None
-        held = 0.0 if stated or self.law is None else 0.5 / self.recordings.rate
-        u = delayed(segment, self.chosen, curve, delay + held)
+        late = delay
+        if self.law is not None and not stated:  # the targets in these torques hold for a row
+            late = delay + 0.5 / self.recordings.rate * (self.law[0] > 0)
+        u = delayed(segment, self.chosen, curve, late)
         motion = self.motions[number]
         if self.law is not None:
             kp, kd = self.law

@@ -194,7 +194,7 @@ def _limb_of(robot: RobotModel, body: int, limbs: list[list[int]]) -> list[int]:
 
 
 def _nrmse(parts: list[list[Array]]) -> float:
-    """Of (N, n) forces of commands and of the file, the geometric mean of the columns' errors."""
+    """Of (N, n) forces of commands and of the file, the rms of the columns' relative errors."""
     acting, force = (np.concatenate(each) for each in zip(*parts, strict=True))
     error = np.sqrt(np.mean((force - acting) ** 2, axis=0)) / np.maximum(acting.std(axis=0), 1e-12)
     return float(np.sqrt(np.mean(error**2)))

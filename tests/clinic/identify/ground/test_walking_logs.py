@@ -312,6 +312,16 @@ def test_targets_of_held_servos_identify_stiffness_and_damping(tmp_path: Path) -
     assert 0.2 < said.data["value"][0] < 0.8
 
 
+def test_a_torque_without_feedback_is_not_late_by_the_law_of_other_joints(rows: GroundRows) -> None:
+    k = len(rows.robot.joints)
+    law = np.zeros((2, k))
+    law[:, 0] = 3.0, 0.1
+    plain = rows.acting(0, np.zeros(k))
+    found = rows.like(ground=replace(rows.ground, law=law)).acting(0, np.zeros(k))
+    np.testing.assert_array_equal(found[:, 1:], plain[:, 1:])
+    assert np.abs(found[:, 0] - plain[:, 0]).max() > 0
+
+
 @pytest.mark.slow
 def test_torques_sampled_at_steps_of_targets_do_not_pass_for_rotors_and_friction(
     tmp_path: Path,
