@@ -5,12 +5,11 @@ import os
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
 from .errors import BadRun, FolderInUse, NotWritten
-from .inputs import LARGEST_TEXT, opened_file, path_of, read_bytes, wrote
+from .inputs import LARGEST_TEXT, path_of, read_bytes, wrote
 from .signatures import check_replaceable, is_ours, sign, unused
 
 
@@ -110,14 +109,6 @@ class OutputFile:
     def sign(self) -> None:
         """Records that its content is ours, such as rows that were appended to it."""
         sign(self.path)
-
-    def opened(self) -> BufferedReader:
-        """Opened for reading, without waiting for a pipe's writer.
-
-        Raises:
-            OSError: it cannot be read, is no regular file, or is larger than a log can be.
-        """
-        return opened_file(self.path)
 
     def read(self, most: int = LARGEST_TEXT) -> bytes:
         """Its content; it does not count as read, so that it may be replaced later.

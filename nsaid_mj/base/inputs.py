@@ -105,7 +105,7 @@ class InputFile:
         _count(self.path, LARGEST_TEXT if text else LARGEST_FILE)
 
     def opened(self) -> BufferedReader:
-        """Opened for reading, without waiting for a pipe's writer.
+        """Opened for reading, without waiting for a pipe's writer; it does not yet count as read.
 
         Raises:
             OSError: it cannot be read, is no regular file, or is larger than a log can be.

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from rich.progress import Progress as Bar
 
-from ...base import BadRun, NotWritten, OutputFile, json_of, without_nonfinite
+from ...base import BadRun, InputFile, NotWritten, OutputFile, json_of, without_nonfinite
 from .runs import Runs
 from .study import Row, in_folder
 from .sweep_files import MANIFEST, ROWS, TABLE, no_sweep
@@ -87,7 +87,7 @@ def _manifest(folder: Path) -> dict[str, Any]:
 
 def _in_table(path: Path) -> bytes:
     """The manifest in the metadata of a table."""
-    with OutputFile(path).opened() as stream:
+    with InputFile(path).opened() as stream:
         return (pq.read_schema(stream).metadata or {})[b"nsaid"]
 
 
